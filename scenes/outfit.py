@@ -62,7 +62,7 @@ def build(spacing: float = 0.03, friction: float = 0.4, walk: bool = False) -> t
         friction: of cloth on the figure and on cloth.
         walk: whether the figure walks on the spot after 2.5 s.
     """
-    view = tc.View(ground=0.0, camera=tc.Camera((0.704, 1.243, 1.76), (0.038, 1.006, -0.017), 36))
+    view = tc.View(ground=0.0, camera=tc.Camera((1.673, 1.785, 2.853), (0.271, 1.02, 0.304), 35))
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=view)
     figure(scene, friction, walk)
     under, over = dress().mesh(spacing), tc.load_pattern(PATTERNS / "jacket.json").mesh(spacing)

@@ -273,6 +273,8 @@ MUTATIONS = (
      TANGLES + "crossings_are_known_after_every_step"),
     (CONTACT + "cloth/layers.py", "if again.any():", "if False:", "what rests no more is met, however near",
      TANGLES + "what_rests_no_more_but_starts_too_near_does_not_stop_the_rest"),
+    (CONTACT + "layer_order.py", " and _cross(c, outer, x)", "", "cloths that do not cross are moved",
+     "tests/physics/test_layer_order.py::test_cloths_that_do_not_cross_stay_as_they_are_drawn"),
     (CONTACT + "layer_order.py", "out[panel == first] = -1", "pass",
      "outside is where triangles face, on a body too", ORDER),
     (CONTACT + "layer_order.py", "more[under.near[order]] = lack[order]", "pass",

@@ -50,6 +50,8 @@ MUTATIONS = (
      "corners of sheets are cut", PICTURES),
     (OUT + "smooth.py", "fine + np.maximum(lacks, 0.0)", "fine + 0 * np.maximum(lacks, 0.0)",
      "smooth cloth shrinks into solids", PICTURES),
+    (OUT + "nearby.py", "NEAR * thickness[owner]", "0 * thickness[owner]", "forces alone keep cloth outside", PICTURES),
+    (OUT + "nearby.py", " & ~beside.any(axis=1)", "", "neighbours are layers", PICTURES),
     (OUT + "smooth.py", "for _ in range(RINGS):", "for _ in range(0):", "cloth that hovers shrinks into solids", PICTURES),
     (PACKAGE + "recording/drawing.py", "self.cut += not", "self.cut += 0 * ", "a camera cuts cloth off unsaid", DRAWN),
     (PACKAGE + "scene/view.py", "a, b = h * slope[k], h * slope[k + 1]", "a, b = h * slope[k], 0 * slope[k + 1]",

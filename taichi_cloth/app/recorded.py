@@ -216,7 +216,9 @@ def _turntable(args: argparse.Namespace, recording):
 
     if not args.turntable:
         raise SceneError("--frame is the one that --turntable N goes round; --frames FIRST:LAST says which are drawn")
-    for flag in ("frames", "speed", "fps", "orbit"):
+    if getattr(args, "frames", ""):
+        raise SceneError(f"--turntable: draws one frame from all round: --frame K instead of --frames {args.frames}")
+    for flag in ("speed", "fps", "orbit"):
         if getattr(args, flag):
             raise SceneError(f"--turntable: draws one frame from all round; --{flag} says nothing of that: leave it out")
     count = checks.integer("--turntable", args.turntable, least=2)

@@ -49,6 +49,8 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
     told = len(sim.notes)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
     folder = _folder(options, take, parent, resumed, manifest)
+    if resumed is not None:
+        print(f"going on from frame {resumed}, t = {start:g} s", file=sys.stderr)
     try:
         sim = run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path),
                   before, changes)

@@ -1,9 +1,10 @@
 """Which cloth lies outside which: before the first step, vertices on the wrong side are moved out. numpy only.
 
 A scan, or clothes put on one over the other, start with layers through each other, and contact cannot know which belongs
-outside. `ClothContact.layer` says it. A cloth is moved out of those with lower layers, by as little as brings it to the
-distance that both keep: its vertices over their surface, and their vertices under its own. Outside is where a surface faces
-away from the nearest solid; without solids it is where its triangles are counterclockwise.
+outside. `ClothContact.layer` says it. A cloth is moved out of those with lower layers that it crosses, by as little as brings
+it to the distance that both keep: its vertices over their surface, and their vertices under its own. Cloths that do not cross
+stay as they are drawn. Outside is where a surface faces away from the nearest solid; without solids it is where its triangles
+are counterclockwise.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from ..backend.ordering import components
 from ..scene.cloth import Cloth
+from ..scene.intersections import count_crossings
 from ..scene.mesh import face_edges
 from ..scene.scene import Scene
 from ..system.quantities import vertex_normals
@@ -84,7 +86,7 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
     model.save()
     crossed = len(scan.find_crossings())
     for layer, _, outer in order:
-        inside = [c for k, _, c in order if k < layer and not scene.passes(c, outer)]
+        inside = [c for k, _, c in order if k < layer and not scene.passes(c, outer) and _cross(c, outer, x)]
         if not inside:
             continue
         rows = _rows(outer)
@@ -112,6 +114,11 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
 def _rows(cloth: Cloth) -> slice:
     """A cloth's vertices among those of its scene."""
     return slice(cloth.start, cloth.start + cloth.mesh.vertex_count)
+
+
+def _cross(a: Cloth, b: Cloth, x: np.ndarray) -> bool:
+    """Whether two cloths go through each other, with the scene's vertices at x (n, 3) [m]."""
+    return count_crossings(x[_rows(a)], a.mesh.faces, x[_rows(b)], b.mesh.faces) > 0
 
 
 def _out_of(outer: Cloth, x: np.ndarray, facing: np.ndarray, lower: _Surface) -> tuple[np.ndarray, int]:

@@ -40,6 +40,7 @@ ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
 TENTH, ROUND = 0.1, 1e-9  # s after which it is seen how far things are; part of it that is too little for a step
+FELL = 1 / 3  # of a garment's height by which it comes down, and more is told
 PATIENCE = 4  # tenths of a second in which some crossing has to come apart
 
 
@@ -96,7 +97,8 @@ def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothCon
                 crossed.append(sim.intersections())
         now = [replace(w, garment=replace(w.garment, positions=x)) for w, x in zip(all_of, _each(sim))]
         count, where = (None, ()) if contact is None else (crossed[-1], crossed_of(now))
-        return Dressed(now[-1].garment, sewn, sim.time, speed <= SLOW, speed, count, where, tuple(now), notes + _caught(now))
+        return Dressed(now[-1].garment, sewn, sim.time, speed <= SLOW, speed, count, where, tuple(now),
+                       notes + _caught(now) + _fallen(new.garment, now[-1].garment, body.gravity))
     finally:
         sim.close()
 
@@ -127,6 +129,14 @@ def _caught(worn: Sequence[Worn]) -> tuple[str, ...]:
             return (f"{w.name!r} sticks out where seams of {worn[-1].name!r} closed, and was caught: {count} crossings are "
                     "left; hang the garment nearer, end it above, or make it wider",)
     return ()
+
+
+def _fallen(hung: Garment, now: Garment, gravity: np.ndarray) -> tuple[str, ...]:
+    """A note on a garment that came down by much of its height from where it hung."""
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-300)
+    height = hung.positions @ down
+    by = float((now.positions @ down).mean() - height.mean())
+    return (f"the garment fell by {by:.2f} m: nothing holds it up there",) if by > FELL * np.ptp(height) > 0 else ()
 
 
 def _unrippable(garment: Garment) -> Garment:

@@ -16,6 +16,7 @@ from .drawn import Frame, shell_of, surfaces
 from .exposure import between, focused, spots, through
 from .framing import fit_all, fit_round
 from .look import Look
+from .nearby import Nearby, nearby
 from .passes import PassRaster
 from .renderer import Renderer, developed
 from .smooth import Smooth
@@ -89,6 +90,7 @@ class Artist:
     def _exposed(self, frame: Frame, colors: np.ndarray | None, next_: tuple[Frame | None, float]) -> np.ndarray:
         """The mean of many exposures."""
         look, r = self.look, self.renderer
+        kept = None if self.smooth is None else self._kept(frame)
         count, total = EXPOSURES[look.quality], np.zeros((self.size[1], self.size[0], 4), np.float32)
         pinhole = r.camera
         for k, (time, lens, pixel) in enumerate(spots(count)):
@@ -98,7 +100,7 @@ class Artist:
             pinhole = r.camera
             focus = focused(pinhole, look.focus, moment["x"] if len(moment["x"]) else self.geometry["solid_x"])
             r.camera = through(pinhole, lens * look.aperture / 2, focus, pixel / self.size[1])
-            total += r.light_of(self.points(moment), colors, look.wire, k)
+            total += r.light_of(self.points(moment, kept), colors, look.wire, k)
         r.camera = pinhole
         return total / count
 
@@ -127,13 +129,23 @@ class Artist:
         at = self.renderer.camera.project(frame["x"].astype(np.float64), *self.size)
         return bool((at[:, 2] > 0).all() and (at[:, :2] >= 0).all() and (at[:, :2] <= self.size).all())
 
-    def points(self, frame: Frame) -> np.ndarray:
-        """(k, 3) points that the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m]."""
+    def points(self, frame: Frame, kept: Nearby | None = None) -> np.ndarray:
+        """(k, 3) points that the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m].
+
+        Args:
+            kept: vertices that rounding spares, if known: they are sought once for all moments of a frame.
+        """
         x = frame["x"].astype(np.float64)
         if self.smooth is not None:
-            x = self.smooth.points(x, in_one(self.geometry, frame, frame["contact"]) if "contact" in frame else None)
+            kept = kept or self._kept(frame)
+            x = self.smooth.points(x, kept.push, kept.layered)
         x = x if self.shell is None else self.shell.points(x)
         return np.concatenate([x, frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
+
+    def _kept(self, frame: Frame) -> Nearby:
+        """Vertices that rounding spares."""
+        push = in_one(self.geometry, frame, frame["contact"]) if "contact" in frame else None
+        return nearby(self.geometry, frame, push)
 
     def _follow(self, frame: Frame) -> None:
         """Takes over the faces that a frame has of its own, where cloth tears, and its seams."""

@@ -4,7 +4,7 @@
 Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are. Loop's rules round a
 surface off on its inner side, and would press cloth that lies on a solid into it. There a point is no nearer to the solid
 than the simulated triangles. Nor is it nearer than a smooth surface whose vertices were first moved out by as much as the
-rules move them in.
+rules move them in. Where another layer of cloth is near, both stay as they were simulated.
 """
 
 import numpy as np
@@ -91,12 +91,23 @@ class Smooth:
             self.faces = self.levels[-1].faces
             self.count += len(self.levels[-1].a)
 
-    def points(self, x: np.ndarray, contact: np.ndarray | None = None) -> np.ndarray:
-        """(count, 3) finer vertices of positions x (n, 3) [m]; contact: (n, 3) forces of solids, to which they keep away."""
-        fine = self._rounded(x)
-        if contact is None or not contact.any():
+    def points(self, x: np.ndarray, push: np.ndarray | None = None, layered: np.ndarray | None = None) -> np.ndarray:
+        """(count, 3) finer vertices of positions x (n, 3) [m].
+
+        Args:
+            push: (n, 3) forces of solids, or ways out of them, along which vertices keep away.
+            layered: (n,) vertices at which cloth stays as simulated, since another layer is near.
+        """
+        fine = self._rounded(x) if push is None or not push.any() else self._kept_away(x, push)
+        if layered is None or not layered.any():
             return fine
-        away = _units(self.linear(self._spread(_units(contact))))
+        part = self.linear(layered[:, None].astype(float))
+        return fine + part * (self.linear(x) - fine)
+
+    def _kept_away(self, x: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """Rounded, but no nearer to solids."""
+        fine = self._rounded(x)
+        away = _units(self.linear(self._spread(_units(push))))
         others = self.linear(x), self._rounded(self.levels[0].outward(x, len(self.levels)))
         lacks = np.max([np.einsum("ij,ij->i", other - fine, away) for other in others], axis=0)
         return fine + np.maximum(lacks, 0.0)[:, None] * away

@@ -12,7 +12,7 @@ from ..scene.cloth import Cloth
 from ..scene.mesh import face_edges
 from ..scene.primitives import Plane
 from ..scene.scene import Scene
-from ..scene.solids import Placed
+from ..scene.solids import Placed, Solid
 from ..scene.view import CameraKeys
 
 if TYPE_CHECKING:  # data of a scene by itself need no Taichi
@@ -45,7 +45,8 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
 
     Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
     and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN if left to the renderer), groups of faces, and the
-    arrays of `described.of_appearances`. The same for solids (`solid_*`, without those drawn as ground). The view, as
+    arrays of `described.of_appearances`. The same for solids (`solid_*`, without those drawn as ground;
+    `solid_thickness` 0 if nothing touches it). The view, as
     `described.of_view` gives it.
     """
     cloths, solids = scene.cloths, drawn_solids(scene)
@@ -70,6 +71,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "solid_start": starts,
         "solid_names": np.array([s.name for s in solids], dtype=str),
         "solid_colors": _concatenate([np.array([s.color or (np.nan,) * 3]) for s in solids], (0, 3)),
+        "solid_thickness": np.array([s.thickness if isinstance(s, Solid) else 0.0 for s in solids]),
         "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
         **described.of_view(scene.view, ground),
     }

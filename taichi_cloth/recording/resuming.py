@@ -52,7 +52,6 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
         print(f"note: {said}", file=sys.stderr)
     steps = [StepRecord(**r) for r in records[: int(state["records"])]]
     sim.recall(steps)
-    print(f"going on from frame {frame}, t = {sim.time:g} s", file=sys.stderr)
     return frame, steps
 
 

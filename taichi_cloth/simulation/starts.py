@@ -12,8 +12,9 @@ from ..scene.intersections import count_crossings
 from ..scene.solids import Solid, SolidMesh
 from ..system.state import ParticleState
 
-OUT = ("hang the panels further out (Garment.moved), or turn and move the garment to where the body stands (Garment.placed; "
-       "turn and shift of `dress` and of the scene dress_up)")
+OUT = ("fit a pattern that is drawn for the shipped figure to the body (--fit of `dress`, tc.fitted), hang the panels further "
+       "out (Garment.moved), or turn and move the garment to where the body stands (Garment.placed; turn and shift of `dress` "
+       "and of the scene dress_up)")
 
 
 def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, scan: Scanner,

@@ -65,6 +65,7 @@ def test_contact_forces_carry_the_sheet(run):
 def test_moving_solids_are_where_the_script_says(run):
     ball = slice(*run.g["solid_start"][1:3])
     assert run.g["solid_names"].tolist() == ["box", "ball", "post"] and run.manifest["model"]["solids"] == 2
+    assert (run.g["solid_thickness"][:2] > 0).all() and run.g["solid_thickness"][2] == 0, "nothing touches a prop"
     for f in run.frames:
         t = float(f["t"])
         ring = f["solid_x"][ball].astype(float)

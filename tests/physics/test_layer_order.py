@@ -130,6 +130,21 @@ def test_what_is_on_its_side_is_not_moved():
         assert not any("lay inside" in note for note in sim.notes)
 
 
+def test_cloths_that_do_not_cross_stay_as_they_are_drawn():
+    """A flap of the lower cloth is folded over the upper one; a third lies beneath both, and says that it lies outside."""
+    scene, sheet, under = tc.Scene(gravity=None), tc.grid(0.3, 12), tc.grid(0.2, 8)
+    bent = sheet.x - sheet.x.mean(axis=0)
+    flap = bent[:, 0] > 0.05
+    bent[flap] = np.stack([0.1 - bent[flap, 0], np.full(flap.sum(), 0.02), bent[flap, 2]], axis=1)
+    scene.add_cloth(sheet, FABRIC, positions=bent, contact=tc.ClothContact(THICKNESS))
+    for layer, y in ((1, 0.01), (2, -0.01)):
+        scene.add_cloth(under, FABRIC, positions=(under.x - under.x.mean(axis=0)) * [0.6, 1, 1] + [-0.04, y, 0],
+                        contact=tc.ClothContact(THICKNESS, layer=layer))
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        assert cloth_crossings(sim) == 0 and not any("lay inside" in note for note in sim.notes)
+        assert np.abs(sim.positions() - np.concatenate([c.positions for c in scene.cloths])).max() < STILL
+
+
 @pytest.mark.parametrize("layer", [-1, 1.5, "outside"])
 def test_a_layer_is_a_whole_number(layer):
     with pytest.raises(tc.SceneError, match="cloth contact layer"):

@@ -21,7 +21,8 @@ NUMPY_ONLY = {"colornames", "renamed", "errors", "checks", "options", "scene", "
               "garment.dxffile", "garment.sheet", "garment.sidefile", "garment.figure", "app.patterns"}
 LANGUAGE = {"backend.language", "backend.taichi_patches"}  # importing them imports the compiler
 OUTPUT_MAY = {"colornames", "renamed", "errors", "checks", "io.blender", "io.blendfile", "io.npz", "io.jsonfile",
-              "io.sequence", "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh",
+              "io.sequence", "scene.mesh", "scene.boxes", "scene.closest", "scene.view", "scene.appearance", "backend.runtime",
+              "backend.bvh",
               "backend.placement", "backend.fields", "backend.language", "backend.rows", "backend.ordering",
               "system.quantities"}
 

@@ -187,7 +187,8 @@ def test_the_scene_refuses_panels_inside_the_body_as_dress_does(tmp_path, capsys
     assert cli.main(["run", str(SCENES / "dress_up.py"), *words]) == 2
     said = capsys.readouterr().err
     assert f"garment: {(deep > 0).sum()} vertices start inside the body, the first of them of 'front" in said
-    assert f"at most {1e3 * deep.max():.3g} mm deep: hang" in said and deep.max() > 0
+    assert f"at most {1e3 * deep.max():.3g} mm deep: fit a pattern" in said and deep.max() > 0
+    assert "(--fit of `dress`, tc.fitted), hang" in said
     assert "turn and shift of `dress`" in said and not out.exists()
     body = tc.Scene()
     body.solids += made.solids
@@ -490,6 +491,9 @@ def test_dressing(tmp_path):
     assert np.hypot(*made.garment.positions[:, [0, 2]].T).min() > 0.125
     with pytest.raises(tc.SceneError, match="'(front|back)' in 'trunk', at most [0-9.]+ mm deep"):
         tc.dress(garment, fabric, body(0.17))
+    by = (garment.positions - made.garment.positions)[:, 1].mean()
+    assert by > np.ptp(garment.positions[:, 1]) / 3, "a cylinder has no hips"
+    assert made.notes == (f"the garment fell by {by:.2f} m: nothing holds it up there",)
     with pytest.raises(tc.SceneError, match="fell: is the body too small"):
         tc.dress(garment, fabric, body(0.03, 1.3))
 

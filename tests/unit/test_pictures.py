@@ -16,6 +16,7 @@ from taichi_cloth.output.camera import frame
 from taichi_cloth.output.described import appearances_of, of_appearances, of_view, view_of
 from taichi_cloth.output.exr import encode_exr
 from taichi_cloth.output.look import Look
+from taichi_cloth.output.nearby import nearby
 from taichi_cloth.output.picture import Artist, surfaces
 from taichi_cloth.output.png import encode_png
 from taichi_cloth.output.raster import Raster
@@ -368,6 +369,59 @@ def test_smooth_cloth_comes_no_nearer_to_a_solid(level):
             assert (free[:n, 1] < x[:n, 1] - 1e-3).sum() > n / 2, "without the body it would shrink"
             between = held[n:, 1] - triangles[n:, 1]
             assert between.max() > 1e-4, "and it is round between vertices"
+
+
+def dome(radius: float, cells: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """(vertices, faces) of a cap of a sphere about the origin."""
+    mesh = tc.grid(2 * radius, cells)
+    flat = 0.6 * (mesh.x - mesh.x.mean(axis=0))[:, [0, 2]]
+    up = np.sqrt(radius**2 - (flat**2).sum(axis=1))
+    return np.column_stack([flat[:, 0], up, flat[:, 1]]), mesh.faces
+
+
+def test_smooth_cloth_keeps_to_its_side_without_any_force():
+    """As in frame 0: a cap 3 mm over a solid and one 3 mm over the other; a third is far off."""
+    (x, faces), n = dome(0.1), 81
+    solid = x * 0.97
+    whole = np.concatenate([x, x * 1.03, x * 1.3])
+    geometry = {"x": whole, "faces": np.concatenate([faces + n * k for k in range(3)]), "cloth_start": n * np.arange(4),
+                "cloth_thickness": np.full(3, 0.003), "solid_x": solid, "solid_faces": faces, "solid_start": np.array([0, n]),
+                "solid_thickness": np.array([0.003])}
+    near = nearby(geometry, {"x": whole.astype(np.float32)}, np.zeros((3 * n, 3)))
+    assert near.push[:n].any(axis=1).all() and not near.push[2 * n:].any()
+    assert (np.einsum("ij,ij->i", near.push[:n], x) > 0.9 * 0.1).all(), "outwards"
+    assert near.layered[: 2 * n].all() and not near.layered[2 * n:].any()
+    smooth = Smooth(geometry["faces"], 3 * n, 1)
+    fine, triangles, free = smooth.points(whole, near.push, near.layered), smooth.linear(whole), smooth.points(whole)
+    kept = np.isin(np.arange(smooth.count), smooth.faces[: 2 * 4 * len(faces)])
+    assert np.abs(fine - triangles)[kept].max() < 1e-12 < 1e-3 < np.abs(free - triangles)[kept].max()
+    assert (fine == free)[~kept].all()
+    artist = Artist.__new__(Artist)
+    artist.geometry, artist.smooth, artist.shell = geometry, smooth, None
+    drawn = artist.points({"x": whole, "contact": np.zeros_like(whole)})
+    assert (drawn == np.concatenate([fine, solid])).all(), "so is the picture"
+    alone = nearby(geometry | {"cloth_thickness": np.full(3, np.nan)}, {"x": whole}, None)
+    assert not alone.layered.any() and alone.push[:n].any(axis=1).all()
+
+
+def test_a_pocket_is_a_layer_and_neighbours_are_none():
+    """A flat garment with a pocket 2 mm over it, sewn at one edge, of triangles that are finer than its thickness or not."""
+    for edge in (0.02, 0.002):
+        mesh = tc.grid(6 * edge, 6)
+        x, n = mesh.x, mesh.vertex_count
+        over = x + [0, min(0.4 * edge, 0.002), 0]
+        seam = np.flatnonzero(x[:, 0] == x[:, 0].min())
+        sewn = np.arange(2 * n)
+        sewn[n + seam] = seam
+        over[seam] = x[seam]
+        geometry = {"faces": np.concatenate([mesh.faces, mesh.faces + n]), "cloth_start": np.array([0, 2 * n]), "sewn": sewn,
+                    "cloth_thickness": np.array([0.003]), "x": np.concatenate([x, over])}
+        assert nearby(geometry, {"x": geometry["x"]}, None).layered.all()
+        apart = np.concatenate([x, x + [0, 0, 6 * edge]])  # beside it, sewn to it: no layer
+        rim = np.flatnonzero(x[:, 2] == x[:, 2].max())
+        sewn = np.arange(2 * n)
+        sewn[n + np.flatnonzero(x[:, 2] == x[:, 2].min())] = rim
+        assert not nearby(geometry | {"x": apart, "sewn": sewn}, {"x": apart}, None).layered.any()
 
 
 def test_smooth_garments_have_no_gap_at_seams():

@@ -126,6 +126,7 @@ def test_a_slow_film_of_meshes_has_slow_velocities(tmp_path):
     (("--frame", "3"), "--frame is the one that --turntable N goes round"),
     (("--turntable", "1"), "--turntable = 1: must be a whole number of at least 2"),
     (("--turntable", "8", "--frame", "9"), "has no frame 9; it has 0 to 6"),
+    (("--turntable", "8", "--frames", "5"), "one frame from all round: --frame K instead of --frames 5"),
     (("--turntable", "8", "--speed", ".5"), "--speed says nothing of that"),
     (("--turntable", "8", "--orbit", "5"), "--orbit says nothing of that"),
 ])

@@ -89,9 +89,11 @@ def test_copies_where_there_are_no_links(first, monkeypatch):
 
 
 def test_a_folder_that_holds_another_run_is_refused_and_a_full_disk_is_named(first, monkeypatch, capsys):
-    assert call("take", first, "twice", "--from-frame", 6) == 0 and call("take", first, "twice", "--from-frame", 6) == 2
+    assert call("take", first, "twice", "--from-frame", 6) == 0
+    assert "going on from frame 6, t = " in capsys.readouterr().err
+    assert call("take", first, "twice", "--from-frame", 6) == 2
     said = capsys.readouterr().err
-    assert "holds another run's files" in said and "--resume" in said and "--overwrite" not in said
+    assert "holds another run's files" in said and "--resume" in said and "--overwrite" not in said and "going on" not in said
 
     def full(*_):
         raise OSError(28, "No space left on device")
