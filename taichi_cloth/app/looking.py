@@ -70,10 +70,12 @@ def told(shape, motion, most: int | None = None) -> list[str]:
         return f"{' x '.join(f'{length:.4g}' for length in np.ptp(x, axis=0))} m"
 
     out = [f"size    {size(shape.x[0])} (y is up), the lowest point at {shape.x[0, :, 1].min():.4g} m"]
+    def farthest(x: np.ndarray) -> float:
+        return float(np.linalg.norm(x - x[:1], axis=2).max())
+
     if len(shape.x) > 1:
-        moved = np.linalg.norm(shape.x - shape.x[:1], axis=2).max()
         out.append(f"moves   {len(shape.x):,} frames at {shape.fps:.6g} a second, {(len(shape.x) - 1) / shape.fps:.4g} s; a "
-                   f"vertex goes {moved:.3g} m from where it starts")
+                   f"vertex goes {farthest(shape.x):.3g} m from where it starts")
     else:
         out.append("moves   no animation")
     clips = [f"clip    {k} {clip.name!r}, {clip.frames:,} frames, {clip.seconds:.4g} s{', read' if k in motion.taken else ''}"
@@ -84,7 +86,8 @@ def told(shape, motion, most: int | None = None) -> list[str]:
         border = int((distinct(face_edges(faces))[1] == 1).sum())
         groups.append(f"group   {name!r}, {len(index):,} vertices, {len(faces):,} triangles, "
                       f"{f'{border:,} border edges' if border else 'closed'}, {size(shape.x[0, index])}, "
-                      f"the lowest point at {shape.x[0, index, 1].min():.4g} m")
+                      f"the lowest point at {shape.x[0, index, 1].min():.4g} m"
+                      f"{f', goes {farthest(shape.x[:, index]):.3g} m' if len(shape.x) > 1 else ''}")
     return [*out, *some(clips, most, "clips"), *some(groups, most, "groups")]
 
 
