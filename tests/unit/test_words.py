@@ -1,5 +1,7 @@
 """Fabrics and winds in words, fabrics with factors, and what lies between two of them."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,38 @@ def test_a_fabric_is_named():
     assert cloth.fabric is tc.fabrics["canvas"]
     with tc.Simulation(scene, integrator="verlet"), pytest.raises(tc.SceneError, match="set_fabric: a simulation of this"):
         scene.set_fabric(cloth, "denim")
+
+
+@pytest.mark.parametrize("word, meant", [("jeans", "denim"), ("Jeans", "denim"), ("silk", "charmeuse"),
+                                         ("T-shirt", "interlock"), ("wool", "wool_coating"), ("denmi", "denim")])
+def test_everyday_words_lead_to_the_nearest_fabric(word, meant):
+    with pytest.raises(tc.NameUnknown, match=f"unknown fabric '{word}'; did you mean '{meant}'. known: canvas, charmeuse, "):
+        tc.fabrics[word]
+
+
+def test_everyday_words_are_of_fabrics_that_there_are():
+    for word, meant in tc.fabrics.everyday.items():
+        assert word.isalpha() and word.islower() and word not in tc.fabrics and meant in tc.fabrics
+
+
+@pytest.mark.parametrize("wind, density, flies", [
+    ("gusty moderate_breeze -z", 0.104, True), ("moderate_breeze -z", 0.104, True), ("draught", 0.104, False),
+    ("gusty breeze", 0.481, False), ("", 0.104, False)])
+def test_cloth_that_flies_flat_is_told(wind, density, flies):
+    """Beyond 80 degrees by the balance of weight and air; shirting does from 3.1 m/s on."""
+    from taichi_cloth.app import scenefile
+
+    fabric = next(name for name, one in tc.fabrics.items() if one.density == density)
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        scene = scenefile.read("hang").make({"cells": "2", "fabric": fabric, "wind": wind})
+    told = [str(note.message) for note in notes]
+    assert len(told) == flies
+    if flies:
+        speed = np.linalg.norm(scene.air.wind.mean if wind.startswith("gusty") else scene.air.wind)
+        assert lifted(speed, density) > 80
+        assert told[0].startswith("shirting flies flat from 3.1 m/s on, and this wind has 6.5")
+        assert ("gusts" in told[0]) == wind.startswith("gusty")
 
 
 def test_panels_keep_their_fabric_unless_they_are_meant_too():
