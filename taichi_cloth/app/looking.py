@@ -7,6 +7,8 @@ from .flags import number_of
 from .lists import SHOWN, some
 from .recorded import size_of
 
+PERSON = (0.5, 3.0)  # m, heights of people
+
 
 def add_parser(commands) -> None:
     """`look` and its flags."""
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         choice = wanted(clips, args.fps, args.only)
         shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
     parts = [part.name for part in read.motion.parts] if read.motion else []
-    notes = [f"note: {note}" for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape)]]
+    notes = [f"note: {note}" for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape, args.up)]]
     lines = [f"{args.file}: {f'{len(parts)} parts, together ' if len(parts) > 1 else ''}{shape!r}",
              *told(shape, read.motion, None if args.all else SHOWN), *notes]
     if to is not None:  # before anything is printed: a reader such as `head` may go before the end
@@ -91,11 +93,27 @@ def told(shape, motion, most: int | None = None) -> list[str]:
     return [*out, *some(clips, most, "clips"), *some(groups, most, "groups")]
 
 
-def doubts(shape) -> list[str]:
-    """Sentences on a size that looks like another unit's."""
+def doubts(shape, up: str | None = None) -> list[str]:
+    """Sentences on a size that looks like another unit's, or no person's, and on a body that lies down.
+
+    Args:
+        up: the axis that the caller says points up.
+    """
+    import numpy as np
+
     from ..scene.scene import Scene
-    from ..scene.units import doubts_of_solid
+    from ..scene.units import doubts_of_solid, fitting
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return doubts_of_solid(Scene().add_solid(shape, friction=0.0, thickness=1e-3, name="solid"))
+        found = doubts_of_solid(Scene().add_solid(shape, friction=0.0, thickness=1e-3, name="solid"))
+    size = np.ptp(shape.x[0], axis=0)
+    longest, moves = float(size.max()), len(shape.x) > 1
+    if moves and not found and not PERSON[0] <= longest <= PERSON[1]:
+        found = [f"it is {longest:.3g} m long, and people are {PERSON[0]:g} to {PERSON[1]:g} m: if it is one, "
+                 f"{fitting(longest, 'tc.load_solid')}"]
+    out = [f"{sentence}; here `--scale`" for sentence in found]
+    if up is None and (moves or shape.closed) and size[2] == longest > 2 * size[1]:
+        out.append("it is longest along z, twice as long as it is high: if it should stand, tc.load_solid(path, up=\"z\") turns "
+                   "it; here `--up z`")
+    return out

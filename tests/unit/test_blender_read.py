@@ -138,6 +138,26 @@ def test_actions_of_several_objects_play_together(figure, own_cache):
     assert np.ptp(alone.x[:, alone.groups["Body"], 0].mean(axis=1)) < 0.1
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)
+def test_a_subdivided_mesh_says_its_own_vertices(tmp_path):
+    maker = """
+import bpy, sys
+bpy.ops.wm.read_factory_settings(use_empty=True)
+for name, levels in (("Fine", 2), ("Plain", 0)):
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=1, location=(levels, 0, 0))
+    bpy.context.object.name = name
+    if levels:
+        bpy.context.object.modifiers.new("Subdivision", "SUBSURF").levels = levels
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+    subprocess.run([sys.executable, "-c", maker, str(tmp_path / "a.blend")], check=True, capture_output=True, timeout=300)
+    body = tc.load_solid(tmp_path / "a.blend")
+    said = [note for note in body.notes if "of its own" in note]
+    assert said == ["part 'Fine' has 25 vertices of its own, and 289 behind its modifiers, which are read"]
+    assert len(body.groups["Fine"]) == 289 and len(body.groups["Plain"]) == 25
+
+
 # A ball with two shape keys beside a box with one, in two takes: the ball goes along x, or up. Keys are animated in both.
 TAKES = """
 import math, sys

@@ -39,6 +39,8 @@ def read(path: Path, wanted: Wanted) -> Motion:
         raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
     moves = any(len(part.x) > 1 for part in parts)
     notes = ("Alembic names no unit: metres are taken (scale=...)",) if path.suffix.lower() == ".abc" else ()
+    notes += tuple(f"part {part.name!r} has {own:,} vertices of its own, and {part.x.shape[1]:,} behind its modifiers, which are "
+                   "read" for part in parts if (own := int(got[f"own {part.name}"])) != part.x.shape[1])
     fps = float(got["fps"])
     lengths = tuple(Clip(name, seconds, fps) for name, seconds in zip(clips, got["seconds"].tolist()))
     return Motion(parts, fps if moves else None, float(got["unit"]), "y",
