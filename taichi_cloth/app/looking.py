@@ -114,6 +114,6 @@ def doubts(shape, up: str | None = None) -> list[str]:
                  f"{fitting(longest, 'tc.load_solid')}"]
     out = [f"{sentence}; here `--scale`" for sentence in found]
     if up is None and (moves or shape.closed) and size[2] == longest > 2 * size[1]:
-        out.append("it is longest along z, twice as long as it is high: if it should stand, tc.load_solid(path, up=\"z\") turns "
-                   "it; here `--up z`")
+        out.append("it is longest along z, twice as long as it is high: if it should stand, "
+                   'tc.load_solid(path, up="z") turns it; here `--up z`')
     return out

@@ -74,12 +74,16 @@ class SceneFile:
 
         if not isinstance(scene, Scene):
             raise SceneError(f"scene {self.name}: build() returned {type(scene).__name__}, not a Scene")
-        return self._told(scene, **said_of_all)
+        scene = self._told(scene, **said_of_all)
+        from ..scene.fliers import fliers
+
+        for note in fliers(scene) if settings.get("wind") or settings.get("fabric") else ():
+            warnings.warn(note, stacklevel=2)
+        return scene
 
     def _told(self, scene: "Scene", fabric: Any = None, wind: Any = None) -> "Scene":
         """The scene with the options of every scene: a fabric for all its cloths, and a wind, in air as plates feel it."""
         from ..scene.air import Air
-        from ..scene.fliers import fliers
         from ..scene.winds import DRAG, LIFT
 
         for cloth in scene.cloths if fabric is not None else ():
@@ -88,8 +92,6 @@ class SceneFile:
             scene.air = Air(wind=wind, drag=DRAG, lift=LIFT)
         elif wind is not None:
             scene.set_wind(wind)
-        for note in fliers(scene) if isinstance(wind, str) else ():
-            warnings.warn(note, stacklevel=2)
         return scene
 
     def typed(self, settings: dict[str, object]) -> dict[str, object]:

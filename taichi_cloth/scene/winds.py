@@ -76,10 +76,15 @@ def lifted(speed: float, density: float, drag: float = DRAG, lift: float = LIFT,
     return float(np.degrees(low))
 
 
-def flat_from(density: float, drag: float = DRAG, lift: float = LIFT, air: float = AIR) -> float:
-    """Speed [m/s] of the wind in which cloth of a density [kg/m^2] flies flat, by the balance of `lifted`."""
+def flat_from(density: float, drag: float = DRAG, lift: float = LIFT, air: float = AIR, normal: float = 0.0) -> float:
+    """Speed [m/s] of the wind in which cloth of a density [kg/m^2] flies flat, by the balance of `lifted`.
+
+    Args:
+        drag, lift, air, normal: as in `Air`, whose viscous force along the normal is part of the balance.
+    """
     s, c = np.sin(np.radians(FLAT)), np.cos(np.radians(FLAT))
-    return float(np.sqrt(2 * density * GRAVITY * s / (air * c * (drag * c + lift * s**2))))
+    weight, square, linear = density * GRAVITY * s, air / 2 * c * (drag * c + lift * s**2), normal * c
+    return float(2 * weight / (linear + np.sqrt(linear**2 + 4 * square * weight)))
 
 
 def table(fabrics: dict[str, float]) -> str:

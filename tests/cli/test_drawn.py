@@ -74,7 +74,8 @@ def test_a_camera_is_named_by_its_side(fallen, side, towards):
     artist = Artist(run.geometry, SIZE, Look(camera=side), lambda: map(run.frame, run.frames()))
     eye, target = (np.array(point)[[0, 2]] for point in (artist.camera.eye, artist.camera.target))
     assert (eye - target) / np.linalg.norm(eye - target) == pytest.approx(towards, abs=1e-9)
-    seen = np.concatenate([axes_of(artist.camera).project(run.frame(k)["x"].astype(float), *SIZE) for k in run.frames()])[:, :2]
+    x = np.concatenate([run.frame(k)["x"] for k in run.frames()]).astype(float)
+    seen = axes_of(artist.camera).project(x, *SIZE)[:, :2]
     assert (seen > 0).all() and (seen < SIZE).all() and (np.ptp(seen, axis=0) / SIZE).max() > 0.75
 
 
