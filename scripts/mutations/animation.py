@@ -46,5 +46,7 @@ MUTATIONS = (
     ("taichi_cloth/io/pointcache.py", "float(t[0] / step)", "0.0", "an MDD cache starts at once", FRAMES),
     ("taichi_cloth/scene/border.py", "if (nearest <= reach).all() else None", "if (nearest <= reach).any() else None",
      "any two vertices of a border are said to close it", JOINED),
+    ("taichi_cloth/app/looking.py", "farthest(shape.x[:, index])", "farthest(shape.x)", "a part moves as all do", LOOK),
+    ("taichi_cloth/app/looking.py", "size[2] == longest > 2", "size[1] == longest > 2", "who stands lies down", LOOK),
     ("taichi_cloth/app/looking.py", "== 1).sum())", ">= 1).sum())", "inner edges are border edges", LOOK),
 )

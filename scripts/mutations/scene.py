@@ -116,6 +116,8 @@ MUTATIONS = (
      DESCRIPTION),
     ("taichi_cloth/app/scenefile.py", "out = float(top) / (float(bottom)", "out = float(top) * (float(bottom)",
      "1/60 is 60", DESCRIPTION),
+    ("taichi_cloth/scene/fliers.py", "if speed >= flat]", "if speed < flat]", "cloth in a weak wind flies flat",
+     "tests/unit/test_words.py"),
     ("taichi_cloth/app/scenefile.py", "    if not math.isfinite(out):", "    if math.isinf(out):", "NaN is an option's number",
      DESCRIPTION),
     ("taichi_cloth/app/scenefile.py",

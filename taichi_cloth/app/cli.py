@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import Field, replace
 
+from .. import __version__
 from ..options import ARCHS, BY_NAME, MOST_FRAMES
 from . import dressing, fitting, looking, sweeping, taking, viewing
 from . import recorded as cli_recorded
@@ -269,6 +270,7 @@ def _options(args: argparse.Namespace, scene):
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
+    parser.add_argument("--version", action="version", version=f"taichi-cloth {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run_parser = commands.add_parser("run", help="simulate a scene and write pictures", epilog=SHOWN)
     run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")

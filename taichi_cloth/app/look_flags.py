@@ -15,7 +15,8 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     add("--wire", action="store_true", help="draw the triangles' edges")
     add("--caption", default="", metavar="TEXT", help="in which {t} and {frame} are the time and the frame")
     add("--camera", type=_camera, metavar="EYE:TARGET[:FOV]",
-        help='such as "1,1,2:0,0.5,0:35"; keys by time [s]: "0@1,1,2:0,0.5,0; 2@-1,1,2:0,0.5,0"; fits all frames where absent')
+        help='such as "1,1,2:0,0.5,0:35"; keys by time [s]: "0@1,1,2:0,0.5,0; 2@-1,1,2:0,0.5,0"; front, back, left or right '
+             '(+z, -z, -x, +x) fits all frames from there; where absent, the scene\'s, or one that fits them')
     add("--orbit", type=number_of, default=0.0, metavar="DEG", help="degrees that the camera goes round in a second")
     add("--follow", action="store_true", help="the camera moves with the cloth")
     add("--background", metavar="COLOR", help="sky, transparent, or a colour: crimson, #dc143c")
@@ -73,12 +74,12 @@ def look_of(args: argparse.Namespace) -> dict:
     return {**look, "heat": (args.heat, args.range) if args.heat else None}
 
 
-def _cameras(keys: list[tuple[float | None, tuple]] | None):
-    """A camera, or cameras by time."""
+def _cameras(keys: list[tuple[float | None, tuple]] | str | None):
+    """A camera, cameras by time, or a side."""
     from ..scene.view import Camera
 
-    if not keys:
-        return None
+    if not keys or isinstance(keys, str):
+        return keys or None
     if keys[0][0] is None:
         return Camera(*keys[0][1])
     return {t: Camera(*numbers) for t, numbers in keys}
@@ -164,15 +165,19 @@ def _light(text: str) -> str | tuple[float, ...]:
     return numbers
 
 
-def _camera(text: str) -> list[tuple[float | None, tuple]]:
-    """(time or None, (eye, target[, fov])) of each key."""
+def _camera(text: str) -> list[tuple[float | None, tuple]] | str:
+    """(time or None, (eye, target[, fov])) of each key, or the name of a side."""
+    from ..output.camera import SIDES
+
+    if text in SIDES:
+        return text
     out: list[tuple[float | None, tuple]] = []
     for key in text.split(";"):
         time, at, place = key.strip().rpartition("@")
         parts = place.split(":")
         if len(parts) not in (2, 3) or any(len(p.split(",")) != 3 for p in parts[:2]):
-            raise argparse.ArgumentTypeError(f'{text!r}: needs EYE:TARGET or EYE:TARGET:FOV, such as "1,1,2:0,0.5,0:35"; '
-                                             'keys by time are "0@EYE:TARGET; 2@EYE:TARGET"')
+            raise argparse.ArgumentTypeError(f"{text!r}: needs {', '.join(SIDES)}, or EYE:TARGET or EYE:TARGET:FOV, such as "
+                                             '"1,1,2:0,0.5,0:35"; keys by time are "0@EYE:TARGET; 2@EYE:TARGET"')
         points = [tuple(number_of(v) for v in part.split(",")) for part in parts[:2]]
         out.append((number_of(time) if at else None, (*points, *(number_of(v) for v in parts[2:]))))
     if len(out) > 1 and any(t is None for t, _ in out):

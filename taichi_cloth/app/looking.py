@@ -7,6 +7,8 @@ from .flags import number_of
 from .lists import SHOWN, some
 from .recorded import size_of
 
+PERSON = (0.5, 3.0)  # m, heights of people
+
 
 def add_parser(commands) -> None:
     """`look` and its flags."""
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         choice = wanted(clips, args.fps, args.only)
         shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
     parts = [part.name for part in read.motion.parts] if read.motion else []
-    notes = [f"note: {note}" for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape)]]
+    notes = [f"note: {note}" for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape, args.up)]]
     lines = [f"{args.file}: {f'{len(parts)} parts, together ' if len(parts) > 1 else ''}{shape!r}",
              *told(shape, read.motion, None if args.all else SHOWN), *notes]
     if to is not None:  # before anything is printed: a reader such as `head` may go before the end
@@ -70,10 +72,12 @@ def told(shape, motion, most: int | None = None) -> list[str]:
         return f"{' x '.join(f'{length:.4g}' for length in np.ptp(x, axis=0))} m"
 
     out = [f"size    {size(shape.x[0])} (y is up), the lowest point at {shape.x[0, :, 1].min():.4g} m"]
+    def farthest(x: np.ndarray) -> float:
+        return float(np.linalg.norm(x - x[:1], axis=2).max())
+
     if len(shape.x) > 1:
-        moved = np.linalg.norm(shape.x - shape.x[:1], axis=2).max()
         out.append(f"moves   {len(shape.x):,} frames at {shape.fps:.6g} a second, {(len(shape.x) - 1) / shape.fps:.4g} s; a "
-                   f"vertex goes {moved:.3g} m from where it starts")
+                   f"vertex goes {farthest(shape.x):.3g} m from where it starts")
     else:
         out.append("moves   no animation")
     clips = [f"clip    {k} {clip.name!r}, {clip.frames:,} frames, {clip.seconds:.4g} s{', read' if k in motion.taken else ''}"
@@ -84,15 +88,32 @@ def told(shape, motion, most: int | None = None) -> list[str]:
         border = int((distinct(face_edges(faces))[1] == 1).sum())
         groups.append(f"group   {name!r}, {len(index):,} vertices, {len(faces):,} triangles, "
                       f"{f'{border:,} border edges' if border else 'closed'}, {size(shape.x[0, index])}, "
-                      f"the lowest point at {shape.x[0, index, 1].min():.4g} m")
+                      f"the lowest point at {shape.x[0, index, 1].min():.4g} m"
+                      f"{f', goes {farthest(shape.x[:, index]):.3g} m' if len(shape.x) > 1 else ''}")
     return [*out, *some(clips, most, "clips"), *some(groups, most, "groups")]
 
 
-def doubts(shape) -> list[str]:
-    """Sentences on a size that looks like another unit's."""
+def doubts(shape, up: str | None = None) -> list[str]:
+    """Sentences on a size that looks like another unit's, or no person's, and on a body that lies down.
+
+    Args:
+        up: the axis that the caller says points up.
+    """
+    import numpy as np
+
     from ..scene.scene import Scene
-    from ..scene.units import doubts_of_solid
+    from ..scene.units import doubts_of_solid, fitting
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return doubts_of_solid(Scene().add_solid(shape, friction=0.0, thickness=1e-3, name="solid"))
+        found = doubts_of_solid(Scene().add_solid(shape, friction=0.0, thickness=1e-3, name="solid"))
+    size = np.ptp(shape.x[0], axis=0)
+    longest, moves = float(size.max()), len(shape.x) > 1
+    if moves and not found and not PERSON[0] <= longest <= PERSON[1]:
+        found = [f"it is {longest:.3g} m long, and people are {PERSON[0]:g} to {PERSON[1]:g} m: if it is one, "
+                 f"{fitting(longest, 'tc.load_solid')}"]
+    out = [f"{sentence}; here `--scale`" for sentence in found]
+    if up is None and (moves or shape.closed) and size[2] == longest > 2 * size[1]:
+        out.append("it is longest along z, twice as long as it is high: if it should stand, "
+                   'tc.load_solid(path, up="z") turns it; here `--up z`')
+    return out

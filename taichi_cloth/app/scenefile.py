@@ -15,6 +15,7 @@ import math
 import pathlib
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -73,7 +74,12 @@ class SceneFile:
 
         if not isinstance(scene, Scene):
             raise SceneError(f"scene {self.name}: build() returned {type(scene).__name__}, not a Scene")
-        return self._told(scene, **said_of_all)
+        scene = self._told(scene, **said_of_all)
+        from ..scene.fliers import fliers
+
+        for note in fliers(scene) if settings.get("wind") or settings.get("fabric") else ():
+            warnings.warn(note, stacklevel=2)
+        return scene
 
     def _told(self, scene: "Scene", fabric: Any = None, wind: Any = None) -> "Scene":
         """The scene with the options of every scene: a fabric for all its cloths, and a wind, in air as plates feel it."""
@@ -109,7 +115,7 @@ class SceneFile:
     def _typed(self, name: str, value: object):
         if name not in self.options:
             if name in EVERY:
-                return value
+                return _known(name, value)
             raise SceneError(f"scene {self.name} has no option {name!r}; {did_you_mean(name, (*self.options, *EVERY))}")
         kind = type(self.options[name].default)
         if not isinstance(value, str) or kind is str:
@@ -123,6 +129,18 @@ class SceneFile:
         except (KeyError, ValueError):
             needs = f"{len(self.options[name].default)} numbers, as in 0,-.1,2" if kind is tuple else _article(kind)
             raise SceneError(f"scene {self.name}: option {name}={value!r} needs {needs}") from None
+
+
+def _known(name: str, value: object) -> object:
+    """The value of an option that every scene has, refused before the scene is built where it is no such word."""
+    from ..scene.air import Air
+    from ..scene.fabrics import as_fabric
+
+    if name == "fabric" and value != "":
+        as_fabric(name, value)
+    elif value != "":
+        Air(1.0, wind=value)  # type: ignore[arg-type]
+    return value
 
 
 def said(error: Exception, file: str) -> str:

@@ -24,9 +24,10 @@ def state(session: Session) -> str:
 
 def last_step(record: StepRecord) -> str:
     """Size, cost, contacts and rejections of a step, in sentences."""
+    from ..recording.why import lasting
     from ..step.stepper import ADVICE
 
-    said = [f"A step of {1e3 * record.h:.3g} ms to t = {record.t:.4g} s took {1e3 * record.seconds.get('total', 0.0):.3g} ms: "
+    said = [f"A step of {1e3 * record.h:.3g} ms to t = {record.t:.4g} s took {lasting(record.seconds.get('total', 0.0))}: "
             f"{_many(record.solves, 'solve')}, {_many(record.iterations, 'iteration')}; "
             f"the largest stretch is {record.stretch:.3f}."]
     if record.contacts or record.layers:
@@ -35,7 +36,7 @@ def last_step(record: StepRecord) -> str:
     if record.fallback_reason:
         said.append(f"It was taken by backward Euler instead: {record.fallback_reason}.")
     if compiling := record.seconds.get("compiling", 0.0):
-        said.append(f"Of its time {1e3 * compiling:.3g} ms went into loading or compiling kernels.")
+        said.append(f"Of its time {lasting(compiling)} went into loading or compiling kernels.")
     for name, count in record.rejections.items():
         said.append(f"Before it {_many(count, 'longer attempt')} failed in {name}"
                     + (f": {ADVICE[name]}." if name in ADVICE else "."))

@@ -8,6 +8,7 @@ from ..scene.view import Camera, View
 
 NEAR = 1e-3  # part of the distance to the target in front of which nothing is drawn
 DIRECTION = (0.55, 0.3, 1.0)  # from where a fitted camera looks
+SIDES = {"front": (0.0, 0.25, 1.0), "back": (0.0, 0.25, -1.0), "left": (-1.0, 0.25, 0.0), "right": (1.0, 0.25, 0.0)}
 
 
 @dataclass(frozen=True)

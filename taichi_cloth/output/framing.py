@@ -12,8 +12,11 @@ MARGIN = 0.06  # part of the picture that stays free on each side
 SPOT = 1e-3  # m: the least room round points
 
 
-def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera:
-    """The nearest camera, from the usual direction, that has all points and `reach` [m] round them in its picture.
+Way = tuple[float, float, float]
+
+
+def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float, way: Way = DIRECTION) -> Camera:
+    """The nearest camera, from a direction, that has all points and `reach` [m] round them in its picture.
 
     In the camera's axes, with t the tangent of half the opening angle and b the distance towards the camera, a point (r, u, b)
     is within the sides if |r - r_0| <= t (b_0 - b). The largest r + t b and -r + t b decide.
@@ -21,8 +24,9 @@ def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera
     Args:
         points: sets (n, 3) [m], one after the other.
         aspect: width of the picture by its height.
+        way: from the points to the camera.
     """
-    axes = frame(Camera(DIRECTION, (0.0, 0.0, 0.0), FOV)).axes
+    axes = frame(Camera(way, (0.0, 0.0, 0.0), FOV)).axes
     up = np.tan(np.radians(FOV) / 2) * (1 - 2 * MARGIN)
     tangents = np.array([up * aspect, up])
     most = np.full((2, 2), -np.inf)
@@ -41,7 +45,7 @@ def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera
     return Camera(tuple(eye.tolist()), tuple(target.tolist()), FOV)
 
 
-def fit_round(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera:
+def fit_round(points: Iterable[np.ndarray], reach: float, aspect: float, way: Way = DIRECTION) -> Camera:
     """The nearest camera that has all points in its picture from every side: it looks at the middle of their bounds.
 
     A point at a distance r from the vertical through that middle, and y above it, goes round as the camera does. With the
@@ -50,8 +54,8 @@ def fit_round(points: Iterable[np.ndarray], reach: float, aspect: float) -> Came
     """
     sets = list(points)
     low, high = np.min([x.min(axis=0) for x in sets], axis=0), np.max([x.max(axis=0) for x in sets], axis=0)
-    centre, way = (low + high) / 2, np.array(DIRECTION) / np.linalg.norm(DIRECTION)
-    sin, cos = way[1], float(np.hypot(way[0], way[2]))
+    centre, towards = (low + high) / 2, np.array(way) / np.linalg.norm(way)
+    sin, cos = towards[1], float(np.hypot(towards[0], towards[2]))
     up = np.tan(np.radians(FOV) / 2) * (1 - 2 * MARGIN)
     across, room, back = up * aspect, max(reach, SPOT), 0.0
     for x in sets:
@@ -59,5 +63,5 @@ def fit_round(points: Iterable[np.ndarray], reach: float, aspect: float) -> Came
         aside = y * sin + r * np.hypot(1 / across, cos) + room * np.hypot(1, across) / across
         above, below = (y * (sin + s * cos / up) + r * abs(cos - s * sin / up) + room * np.hypot(1, up) / up for s in (1, -1))
         back = max(back, *(float(part.max()) for part in (aside, above, below, y * sin + r * cos + room)))
-    eye = centre + back * way
+    eye = centre + back * towards
     return Camera(tuple(eye.tolist()), tuple(centre.tolist()), FOV)

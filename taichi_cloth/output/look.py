@@ -9,6 +9,7 @@ from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from ..scene.appearance import Appearance
 from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, light_or
+from .camera import SIDES
 from .quality import QUALITY
 from .smooth import MOST
 
@@ -39,7 +40,8 @@ class Look:
 
     Attributes:
         quality: one of `quality.QUALITY`.
-        camera: one, or cameras by time [s]; None takes the scene's, or fits one.
+        camera: one, cameras by time [s], or the side from which one is fitted, as in `camera.SIDES`; None takes the scene's,
+            or fits one.
         orbit: degrees that the camera goes round its target in a second.
         follow: whether the camera moves with the cloth's centre.
         wire: whether edges are drawn; heat: the quantity that colours the cloth, or None.
@@ -57,7 +59,7 @@ class Look:
     """
 
     quality: str = "fast"
-    camera: AnyCamera | Mapping[float, Camera] | None = None
+    camera: AnyCamera | Mapping[float, Camera] | str | None = None
     orbit: float = 0.0
     follow: bool = False
     wire: bool = False
@@ -75,7 +77,8 @@ class Look:
 
     def __post_init__(self) -> None:
         checks.choice("quality", self.quality, QUALITY)
-        object.__setattr__(self, "camera", any_camera("camera", self.camera))
+        object.__setattr__(self, "camera", checks.choice("camera", self.camera, SIDES) if isinstance(self.camera, str)
+                           else any_camera("camera", self.camera))
         object.__setattr__(self, "orbit", checks.number("orbit", self.orbit, "degrees a second"))
         for name in ("follow", "wire"):
             object.__setattr__(self, name, checks.flag(name, getattr(self, name)))
@@ -115,7 +118,8 @@ class Look:
     def view(self, scene: View) -> View:
         """The scene's view with these settings."""
         said = {name: getattr(self, name) for name in ("camera", "floor", "background", "light")}
-        return replace(scene, **{name: value for name, value in said.items() if value is not None})
+        view = {name: value for name, value in said.items() if value is not None}
+        return replace(scene, **view | ({"camera": None} if isinstance(self.camera, str) else {}))
 
     def appearance(self, name: str, own: Appearance) -> Appearance:
         """Appearance of a cloth: the one asked for it, else for all cloths, else the scene's."""

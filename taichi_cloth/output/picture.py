@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import OutputError
 from ..scene.view import Camera, CameraKeys, View, camera_at
 from ..system.quantities import in_one
-from .camera import ground_height
+from .camera import DIRECTION, SIDES, ground_height
 from .colors import draw_bar, heat_colors
 from .described import view_of
 from .drawn import Frame, shell_of, surfaces
@@ -213,7 +213,8 @@ class Artist:
         if view.ground is None:
             view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)
         fit = fit_round if self.look.orbit else fit_all
-        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1])) if self.fitted else view
+        way = SIDES[self.look.camera] if isinstance(self.look.camera, str) else DIRECTION
+        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1], way)) if self.fitted else view
 
     def _all_of(self, frame: Frame, still: np.ndarray) -> np.ndarray:
         """(k, 3) vertices of the cloth and of solids in a frame [m], with those of solids that stand still (m, 3)."""

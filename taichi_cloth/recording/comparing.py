@@ -19,6 +19,7 @@ from .drawing import frames_of
 from .playback import apart_in_all, distances, rms_of, same_times, spread, weights
 
 FILMS = (".mp4", ".apng")
+STRIP = 20  # pixels under a picture, for its time in letters of scale 1
 ROWS = 12  # of the table that is printed; the file has all
 
 
@@ -41,7 +42,7 @@ class Pair:
         if not common and (a.fps != b.fps or a.frames() != b.frames()):
             first, second = (f"{run.path} has frames {run.frames()[0]} to {run.frames()[-1]}, {run.fps:g} a second"
                              for run in (a, b))
-            raise OutputError(f"{first}, and {second}: --common compares the times that both have")
+            raise OutputError(f"{first}, and {second}: {_way(a, b)}")
         self.frames = dict(same_times(a, b))
         self.apart: dict[int, np.ndarray] | None = None
         self.why = ""
@@ -70,6 +71,15 @@ class Pair:
         """The table as CSV, all of it."""
         lines = ["frame,t_s,largest_m,rms_m", *(f"{k},{t:.9g},{most:.6g},{mean:.6g}" for k, t, most, mean in self.table())]
         write_whole(file, ("\n".join(lines) + "\n").encode())
+
+
+def _way(a: Recording, b: Recording) -> str:
+    """How runs are compared whose frames do not match."""
+    try:
+        weights(a, b)
+    except OutputError as error:
+        return f"{error}: `taichi-cloth render` draws each by itself"
+    return "--common compares the times that both have"
 
 
 class Sides:
@@ -109,7 +119,23 @@ def draw(pair: Pair, sides: Sides, file: pathlib.Path, count: int) -> None:
         high = max(max(float(d.max()) for d in pair.apart.values()), 1e-12)
         rows.append([sides.difference(k, high) for k in numbers])
         draw_bar(rows[2][0], 0.0, high, False, "distance [m]")
-    write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
+    sheet = contact_sheet([image for row in rows for image in row], len(numbers))
+    write_whole(file, encode_png(_above(sheet, [pair.a.time(k) for k in numbers])))
+
+
+def _scale(width: int) -> int:
+    """Of the letters under a column so wide [pixels]."""
+    return max(1, width // 240)
+
+
+def _above(image: np.ndarray, times: list[float]) -> np.ndarray:
+    """A picture (h, w, c) above a strip with a time [s] under each of its columns."""
+    width = image.shape[1] // len(times)
+    scale = _scale(width)
+    strip = np.full((STRIP * scale, *image.shape[1:]), np.iinfo(image.dtype).max, dtype=image.dtype)
+    for column, t in enumerate(times):
+        draw_text(strip, f"t = {t:.3f} s", column * width + 10 * scale, 5 * scale, scale)
+    return np.concatenate([image, strip])
 
 
 def files_at(to: pathlib.Path | None, run: pathlib.Path, movie: bool) -> tuple[pathlib.Path, pathlib.Path | None]:
@@ -146,10 +172,10 @@ def _kind() -> str:
 
 def film(pair: Pair, sides: Sides, file: pathlib.Path, size: tuple[int, int]) -> None:
     """Both runs side by side as a film; its kind goes by the file's name."""
-    images = (np.concatenate(sides.both(k), axis=1) for k in pair.frames)
+    images = (_above(np.concatenate(sides.both(k), axis=1), [pair.a.time(k), pair.b.time(j)]) for k, j in pair.frames.items())
     numbers = list(pair.frames)
     fps = pair.a.fps * (len(numbers) - 1) / max(numbers[-1] - numbers[0], 1) or pair.a.fps
     if file.suffix.lower() == ".apng":
         write_whole(file, encode_apng(list(images), fps))
     else:
-        write_mp4(file, images, (2 * size[0], size[1]), fps)
+        write_mp4(file, images, (2 * size[0], size[1] + STRIP * _scale(size[0])), fps)

@@ -180,7 +180,7 @@ def rms_of(parts: list, of: np.ndarray | None = None) -> float:
 
 def warn_inside(recording: Recording, look: Look) -> None:
     """Says so where the camera is within the cloth's bounds: it may see the inside of a fold."""
-    if look.camera is None:
+    if look.camera is None or isinstance(look.camera, str):
         return
     x = recording.frame(recording.frames()[0])["x"]
     eye = np.array(camera_at(look.camera, 0.0).eye)

@@ -28,7 +28,7 @@ from .playback import Films, heat_of
 from .playback import render as render_files
 
 SMALLEST, LARGEST = 16, 16384  # pixels
-Cameras = AnyCamera | Mapping[float, Camera] | None
+Cameras = AnyCamera | Mapping[float, Camera] | str | None
 Looks = Appearance | Mapping[str, Appearance] | None
 Drawable = Scene | Simulation | Recording
 
@@ -49,7 +49,8 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
         quality: "fast" (shadow map), "standard" or "high" (traced shadows and ambient occlusion).
         heat: quantity that colours the cloth: stretch, shear, bend, speed, contact, crease, limit or seam; not of a scene.
         limits: (low, high) of its scale.
-        camera: one, or cameras by time [s]; None takes the scene's, or fits one to all recorded frames.
+        camera: one, or cameras by time [s]; None takes the scene's, or fits one to all recorded frames. "front", "back",
+            "left" and "right" fit one from there, which are +z, -z, -x and +x.
         wire: whether the triangles' edges are drawn.
         caption: text, in which {t} and {frame} stand for the time and the frame.
         orbit: degrees that the camera goes round its target in a second; follow: whether it moves with the cloth.

@@ -75,14 +75,24 @@ class Table(dict[str, T]):
 
     Args:
         what: the kind of thing they are, in messages.
+        everyday: names by other words for them, in small letters alone.
     """
 
-    def __init__(self, what: str, values: dict[str, T]) -> None:
+    def __init__(self, what: str, values: dict[str, T], everyday: dict[str, str] | None = None) -> None:
         super().__init__(values)
-        self.what = what
+        self.what, self.everyday = what, everyday or {}
 
     def __missing__(self, name: object) -> T:
-        raise NameUnknown(f"unknown {self.what} {shown(name)}; {did_you_mean(name, self)}")
+        word = "".join(c for c in name.lower() if c.isalpha()) if isinstance(name, str) else ""
+        raise NameUnknown(f"unknown {self.what} {shown(name)}; {did_you_mean(self.everyday.get(word, name), self)}")
+
+
+# Words for garments and cloths, and the measured one that is nearest.
+EVERYDAY = {"jeans": "denim", "jersey": "interlock", "tshirt": "interlock", "shirt": "shirting", "cotton": "shirting",
+            "linen": "tablecloth", "silk": "charmeuse", "satin": "charmeuse", "wool": "wool_coating", "coat": "wool_coating",
+            "felt": "wool_coating", "sweater": "rib_knit", "knit": "rib_knit", "jacket": "jacket_polyester",
+            "polyester": "jacket_polyester", "nylon": "jacket_polyester", "sail": "canvas", "tent": "canvas",
+            "curtain": "charmeuse", "pants": "trousers", "spandex": "swimwear", "lycra": "swimwear"}
 
 
 # Twelve measured cloths, by name.
@@ -99,7 +109,7 @@ fabrics: Table[Measured] = Table("fabric", {
     "charmeuse": _clyde(0.083, (774.0, 1790.0), 51.0, (3.2, 3.2), 0.18),
     "canvas": _clyde(0.294, (2844.0, 10496.0), 532.0, (20.0, 14.0), 0.53),
     "wool_coating": _clyde(0.481, (2931.0, 2840.0), 237.0, (75.0, 39.0), 1.28),
-})
+}, EVERYDAY)
 
 
 def _kes(D: float, two_HB: float, source: str) -> MeasuredBend:

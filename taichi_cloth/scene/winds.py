@@ -53,7 +53,7 @@ def velocity(what: str, text: str) -> np.ndarray:
     name = "_".join(words[:-1] if axis else words)
     if name not in WINDS:
         raise SceneError(f"{what} = {shown(text)}: needs a wind's name, and an axis unless it is +x, such as 'breeze -z'; "
-                         f"{did_you_mean(name, WINDS)}")
+                         f"{did_you_mean(name, WINDS)}; 'gusty' before one, as in 'gusty breeze -z', adds gusts")
     out = np.zeros(3)
     out["xyz".index(axis[2]) if axis else 0] = WINDS[name].speed * (-1.0 if axis and axis[1] == "-" else 1.0)
     return out
@@ -76,10 +76,15 @@ def lifted(speed: float, density: float, drag: float = DRAG, lift: float = LIFT,
     return float(np.degrees(low))
 
 
-def flat_from(density: float) -> float:
-    """Speed [m/s] of the wind in which cloth of a density [kg/m^2] flies flat, by the balance of `lifted` in usual air."""
+def flat_from(density: float, drag: float = DRAG, lift: float = LIFT, air: float = AIR, normal: float = 0.0) -> float:
+    """Speed [m/s] of the wind in which cloth of a density [kg/m^2] flies flat, by the balance of `lifted`.
+
+    Args:
+        drag, lift, air, normal: as in `Air`, whose viscous force along the normal is part of the balance.
+    """
     s, c = np.sin(np.radians(FLAT)), np.cos(np.radians(FLAT))
-    return float(np.sqrt(2 * density * GRAVITY * s / (AIR * c * (DRAG * c + LIFT * s**2))))
+    weight, square, linear = density * GRAVITY * s, air / 2 * c * (drag * c + lift * s**2), normal * c
+    return float(2 * weight / (linear + np.sqrt(linear**2 + 4 * square * weight)))
 
 
 def table(fabrics: dict[str, float]) -> str:

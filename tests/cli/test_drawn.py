@@ -9,6 +9,8 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import cli
+from taichi_cloth.output.camera import frame as axes_of
+from taichi_cloth.output.look import Look
 
 SCENE = '''"""A handkerchief that falls through nothing."""
 import taichi_cloth as tc
@@ -61,6 +63,30 @@ def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path, flags, count):
     across = np.flatnonzero(np.max(seen, axis=0).any(axis=0))
     down = np.flatnonzero(np.max(seen, axis=0).any(axis=1))
     assert np.ptp(across) > 0.75 * 64 or np.ptp(down) > 0.75 * 48, "and fills them"
+
+
+@pytest.mark.parametrize("side, towards", [("front", (0, 1)), ("back", (0, -1)), ("left", (-1, 0)), ("right", (1, 0))])
+def test_a_camera_is_named_by_its_side(fallen, side, towards):
+    """From there it sees all cloth of all frames, as near as the usual one: it fills the picture."""
+    from taichi_cloth.output.picture import Artist
+
+    run = tc.Recording(fallen)
+    artist = Artist(run.geometry, SIZE, Look(camera=side), lambda: map(run.frame, run.frames()))
+    eye, target = (np.array(point)[[0, 2]] for point in (artist.camera.eye, artist.camera.target))
+    assert (eye - target) / np.linalg.norm(eye - target) == pytest.approx(towards, abs=1e-9)
+    x = np.concatenate([run.frame(k)["x"] for k in run.frames()]).astype(float)
+    seen = axes_of(artist.camera).project(x, *SIZE)[:, :2]
+    assert (seen > 0).all() and (seen < SIZE).all() and (np.ptp(seen, axis=0) / SIZE).max() > 0.75
+
+
+def test_a_side_is_drawn_and_a_wrong_one_names_all(fallen, tmp_path, capsys):
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--camera", "back", "--frames", "9"]) == 0
+    assert (tmp_path / "00009.png").is_file()
+    with pytest.raises(SystemExit):
+        cli.main(["render", str(fallen), "--camera", "rear"])
+    assert "'rear': needs front, back, left, right, or EYE:TARGET" in capsys.readouterr().err
+    with pytest.raises(tc.SceneError, match="unknown camera 'rear'; known: back, front, left, right"):
+        Look(camera="rear")
 
 
 @pytest.mark.parametrize("camera, cut", [("0.5,2,5:0.5,0,0", 0), ("0,0.4,0.8:0,0,0", 4)])

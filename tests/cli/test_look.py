@@ -58,6 +58,30 @@ def test_look_at_a_scene_names_its_clips_and_parts(tmp_path):
     assert "group   'Foot'" not in call("look", tmp_path / "a.usda", "--only", "Hand").stdout
 
 
+def test_each_part_says_how_far_it_moves():
+    """A walker beside a post: the whole goes as far as the walker, and a still solid says nothing of it."""
+    x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
+    n = len(x)
+    both, groups = np.concatenate([x, x + [2.0, 0, 0]]), {"walker": np.arange(n), "post": np.arange(n, 2 * n)}
+    frames = np.stack([both + np.where(np.arange(2 * n) < n, s, 0.0)[:, None] * [0, 0, 1.5] for s in (0, 1, 0.2)])
+    faces = np.concatenate([faces, faces + n])
+    walker, post = told(SolidMesh(frames, faces, 24.0, groups), None)[-2:]
+    assert walker.endswith(", goes 1.5 m") and post.endswith(", goes 0 m")
+    assert "goes" not in "".join(told(SolidMesh(both, faces, groups=groups), None))
+
+
+@pytest.mark.parametrize("size, up, scale, lies", [
+    ((0.5, 1.7, 0.3), None, False, False),  # stands
+    ((67.0, 15.0, 15.0), None, True, False), ((17.0, 67.0, 12.0), None, True, False),  # inches, or centimetres
+    ((0.5, 6.7, 0.3), None, True, False), ((0.1, 0.17, 0.1), None, True, False),
+    ((0.5, 0.3, 1.7), None, False, True), ((0.5, 0.3, 1.7), "y", False, False), ((20.0, 12.0, 67.0), None, True, True)])
+def test_a_figure_too_long_or_lying_is_told_with_the_way_out(size, up, scale, lies):
+    x, faces = tc.Box(size, 0.0).surface()
+    said = " ".join(looking.doubts(SolidMesh(np.stack([x, x + [0.1, 0, 0]]), faces, 24.0), up))
+    assert ("tc.load_solid(path, scale=" in said and "`--scale`" in said) == scale
+    assert ('tc.load_solid(path, up="z")' in said and "`--up z`" in said) == lies
+
+
 def test_clips_are_told_by_name_frames_and_length():
     x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
     clips = (Clip("Walk", 29 / 24, 24.0), Clip("Wave", 0.5, 30.0))

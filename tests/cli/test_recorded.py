@@ -173,7 +173,7 @@ def test_drawn_again_and_compared(whole, tmp_path):
     assert data.count(b"fcTL") == 4 and data.count(b"fdAT") == 3 and data[data.index(b"acTL") + 7] == 4
     done = call_apart("compare", whole, whole, "--to", tmp_path / "both.png", "--size", "64x48", "--frames", "3", "--movie")
     assert "in all 16 frames: RMS 0 m, largest 0 m" in done.stdout
-    assert read_png(tmp_path / "both.png").shape == (3 * 48, 3 * 64, 3)
+    assert read_png(tmp_path / "both.png").shape == (3 * 48 + 20, 3 * 64, 3)  # with times below
     assert len((tmp_path / "both.csv").read_text().splitlines()) == 17
     assert any((tmp_path / f"both.{kind}").stat().st_size > 500 for kind in ("mp4", "apng") if
                (tmp_path / f"both.{kind}").exists())

@@ -72,6 +72,7 @@ bpy.ops.export_scene.gltf(filepath=out + "/a.glb", export_force_sampling=True)
 bpy.ops.wm.usd_export(filepath=out + "/a.usdc", export_animation=True, export_armatures=True, export_shapekeys=True)
 bpy.ops.wm.alembic_export(filepath=out + "/a.abc", as_background_job=False)
 bpy.ops.export_scene.fbx(filepath=out + "/a.fbx", bake_anim_use_all_actions=False, bake_anim_use_nla_strips=False)
+bpy.ops.export_scene.fbx(filepath=out + "/usual.fbx")
 got = {}
 for frame in range(1, 31):
     scene.frame_set(frame)
@@ -122,6 +123,39 @@ def test_every_format_is_where_blender_has_it(figure, own_cache, suffix):
         assert len(files) == 1
         again = tc.load_solid(figure / f"a{suffix}", fps=24)
         assert (again.x == body.x).all() and list(own_cache.glob("*.npz")) == files
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)
+def test_actions_of_several_objects_play_together(figure, own_cache):
+    """Blender's usual FBX has a clip for the rig, one for the box, and the box's again for the rig, which comes first."""
+    body = tc.load_solid(figure / "usual.fbx", fps=24)
+    there = np.load(figure / "there.npz")
+    assert "clip 'Box|BoxAction' and 'Rig|RigAction', 30 frames" in body.notes[0]
+    for frame in FRAMES:
+        assert farthest(body.x[frame - 1], there[str(frame)]) < 1e-5
+    alone = tc.load_solid(figure / "usual.fbx", fps=24, clip="Rig|BoxAction")
+    assert np.ptp(alone.x[:, alone.groups["Body"], 0].mean(axis=1)) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)
+def test_a_subdivided_mesh_says_its_own_vertices(tmp_path):
+    maker = """
+import bpy, sys
+bpy.ops.wm.read_factory_settings(use_empty=True)
+for name, levels in (("Fine", 2), ("Plain", 0)):
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=1, location=(levels, 0, 0))
+    bpy.context.object.name = name
+    if levels:
+        bpy.context.object.modifiers.new("Subdivision", "SUBSURF").levels = levels
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+    subprocess.run([sys.executable, "-c", maker, str(tmp_path / "a.blend")], check=True, capture_output=True, timeout=300)
+    body = tc.load_solid(tmp_path / "a.blend")
+    said = [note for note in body.notes if "of its own" in note]
+    assert said == ["part 'Fine' has 25 vertices of its own, and 289 behind its modifiers, which are read"]
+    assert len(body.groups["Fine"]) == 289 and len(body.groups["Plain"]) == 25
 
 
 # A ball with two shape keys beside a box with one, in two takes: the ball goes along x, or up. Keys are animated in both.

@@ -7,7 +7,7 @@ import pytest
 from test_playback import run
 
 from taichi_cloth.errors import OutputError
-from taichi_cloth.recording.comparing import Pair, files_at, film
+from taichi_cloth.recording.comparing import Pair, _above, files_at, film
 
 
 def test_distances_are_a_row_a_frame(tmp_path):
@@ -48,6 +48,24 @@ def test_runs_of_other_cloths_have_no_distances_and_say_why(tmp_path):
     assert pair.said() == ["note: the runs are of other cloths: cloth of 4 and cloth of 5: no distances"]
 
 
+def test_times_are_under_the_columns():
+    """A strip of white below, with dark letters in the half of each column."""
+    image = np.full((8, 400, 3), 77, dtype=np.uint8)
+    made = _above(image, [0.5, 12.0])
+    assert (made[:8] == image).all() and len(made) == 28 and (made[8] == 255).all()
+    letters = (made[8:] < 100).all(axis=2)
+    assert letters[:, 5:100].any() and letters[:, 205:300].any() and not letters[:, 120:200].any()
+    assert not np.array_equal(letters[:, :200], letters[:, 200:])
+    clear = _above(np.zeros((8, 400, 4), dtype=np.uint16), [0.5, 12.0])
+    assert (clear[8:, :, 3] == 65535).all() and (clear[:8] == 0).all()
+
+
+def test_runs_of_other_cloths_whose_frames_do_not_match_are_not_told_of_common_times(tmp_path):
+    with pytest.raises(OutputError, match="the runs are of other cloths.*draws each by itself") as error:
+        Pair(run(tmp_path / "a", 4), run(tmp_path / "b", 5, n=5))
+    assert "--common" not in str(error.value)
+
+
 class Flat:
     """Pictures of one grey each, instead of drawn ones."""
 
@@ -70,7 +88,7 @@ def test_a_film_has_both_side_by_side(tmp_path, monkeypatch):
     film(pair, Flat(pair), out, (12, 8))
     data = out.read_bytes()
     assert out == tmp_path / "both.apng" and data.count(b"fcTL") == 4
-    assert data[16:24] == (24).to_bytes(4, "big") + (8).to_bytes(4, "big")  # wide as both
+    assert data[16:24] == (24).to_bytes(4, "big") + (28).to_bytes(4, "big")  # wide as both, with times
 
 
 def test_a_folder_a_picture_or_a_film_is_named(tmp_path, monkeypatch):

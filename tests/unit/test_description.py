@@ -291,6 +291,12 @@ def test_exit_codes(capsys):
         cli._guard(raising(ZeroDivisionError()))
 
 
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0 and capsys.readouterr().out == f"taichi-cloth {tc.__version__}\n"
+
+
 def test_looks_are_read_from_flags():
     parser = argparse.ArgumentParser()
     cli.look_flags(parser)

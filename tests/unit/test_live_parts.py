@@ -27,6 +27,7 @@ from taichi_cloth.live.shapes import BANDS, Shapes, points
 from taichi_cloth.live.words import last_step
 from taichi_cloth.output.look import Heat
 from taichi_cloth.recording import record
+from taichi_cloth.recording.why import lasting
 from taichi_cloth.step.stepper import StepRecord
 
 
@@ -201,6 +202,12 @@ def test_torn_cloth_has_its_new_triangles():
     moved = shapes.pieces(g, arrays | {"faces": torn}, None)
     triangles = np.concatenate([p.index[p.faces] for p in moved.values() if p.cloth])
     assert {tuple(row) for row in triangles} == {tuple(row) for row in torn}
+
+
+@pytest.mark.parametrize("seconds, words", [(0.0123, "12.3 ms"), (3.26, "3.3 s"), (0.9996, "1.0 s"),
+                                            (0.9994, "999 ms"), (123.0, "123.0 s")])
+def test_times_are_in_ms_or_s(seconds, words):
+    assert lasting(seconds) == words
 
 
 def test_a_step_is_told_in_sentences():

@@ -1,5 +1,6 @@
 """Scene files: found, read, their options typed."""
 
+import dataclasses
 import sys
 import time
 import warnings
@@ -22,6 +23,20 @@ def build(n: int = 5, x: float = 0.5, flag: bool = False, name: str = "a", at=(0
     scene.add_cloth(tc.grid(x, n), tc.Fabric(0.2, tc.Stretch(10)), name=name)
     return scene
 '''
+
+
+@pytest.mark.parametrize("name, word, said", [
+    ("fabric", "jeans", "unknown fabric 'jeans'; did you mean 'denim'. known: canvas, "),
+    ("wind", "strong", "known: breeze, .*; 'gusty' before one")])
+def test_a_wrong_word_is_refused_before_a_scene_is_built(scene, name, word, said):
+    """As a view does it whose scene takes long to build."""
+    def never(n: int = 5):
+        raise AssertionError("the scene is built")
+
+    for refuses in (scene.typed, dataclasses.replace(scene, build=never).make):
+        with pytest.raises(SceneError, match=said):
+            refuses({name: word})
+    assert scene.typed({"fabric": "", "wind": ""}) == {"fabric": "", "wind": ""}
 
 
 @pytest.fixture

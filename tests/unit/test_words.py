@@ -1,5 +1,7 @@
 """Fabrics and winds in words, fabrics with factors, and what lies between two of them."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,53 @@ def test_a_fabric_is_named():
     assert cloth.fabric is tc.fabrics["canvas"]
     with tc.Simulation(scene, integrator="verlet"), pytest.raises(tc.SceneError, match="set_fabric: a simulation of this"):
         scene.set_fabric(cloth, "denim")
+
+
+@pytest.mark.parametrize("word, meant", [("jeans", "denim"), ("Jeans", "denim"), ("silk", "charmeuse"),
+                                         ("T-shirt", "interlock"), ("wool", "wool_coating"), ("denmi", "denim")])
+def test_everyday_words_lead_to_the_nearest_fabric(word, meant):
+    with pytest.raises(tc.SceneError, match=f"unknown fabric '{word}'; did you mean '{meant}'. known: canvas, charmeuse, "):
+        tc.fabrics[word]
+
+
+def test_everyday_words_are_of_fabrics_that_there_are():
+    for word, meant in tc.fabrics.everyday.items():
+        assert word.isalpha() and word.islower() and word not in tc.fabrics and meant in tc.fabrics
+
+
+CURTAIN = '''"""A curtain."""
+import taichi_cloth as tc
+
+
+def build(normal: float = 0.0):
+    scene = tc.Scene(air=tc.Air(normal) if normal else None)
+    scene.add_cloth(tc.grid(1.0, 2), "denim")
+    return scene
+'''
+
+
+@pytest.mark.parametrize("fabric, wind, normal, flies", [
+    ("shirting", "gusty moderate_breeze -z", 0.0, True), ("shirting", "moderate_breeze -z", 0.0, True),
+    ("shirting", "draught", 0.0, False), ("wool_coating", "gusty breeze", 0.0, False), ("shirting", "", 0.0, False),
+    ("shirting", "own", 0.0, True), ("shirting", "gusty moderate_breeze", 2.0, True), ("shirting", "breeze", 1.5, False)])
+def test_cloth_that_flies_flat_is_told(tmp_path, fabric, wind, normal, flies):
+    """80 degrees from the vertical, by the balance of weight and air along the normal: shirting does from 3.1 m/s on."""
+    from taichi_cloth.app import scenefile
+
+    text = CURTAIN
+    if wind == "own":  # an option of the scene itself
+        text, wind = text.replace("normal: float = 0.0", "normal: float = 0.0, wind: str = 'calm'").replace(
+            "tc.Air(normal) if normal else None", "tc.Air(drag=1.2, lift=0.8, wind=wind)"), "moderate_breeze"
+    (tmp_path / "curtain.py").write_text(text)
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        scenefile.read(str(tmp_path / "curtain.py")).make({"fabric": fabric, "wind": wind, "normal": str(normal)})
+    told = [str(note.message) for note in notes]
+    assert len(told) == flies
+    if flies:
+        flat = 0.104 * 9.81 * np.tan(np.radians(80)) / normal if normal else 3.1  # m/s
+        assert told[0].startswith(f"shirting flies flat from {flat:.1f} m/s on, and this wind has 6.5")
+        assert ("gusts" in told[0]) == wind.startswith("gusty")
 
 
 def test_panels_keep_their_fabric_unless_they_are_meant_too():

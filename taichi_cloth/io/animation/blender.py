@@ -38,7 +38,10 @@ def read(path: Path, wanted: Wanted) -> Motion:
     if not parts:
         raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
     moves = any(len(part.x) > 1 for part in parts)
-    notes = ("Alembic names no unit: metres are taken (scale=...)",) if path.suffix.lower() == ".abc" else ()
+    notes: tuple[str, ...] = ("Alembic names no unit: metres are taken (scale=...)",) if path.suffix.lower() == ".abc" else ()
+    counts = [(part.name, int(got[f"own {part.name}"]), part.x.shape[1]) for part in parts]
+    notes += tuple(f"part {name!r} has {own:,} vertices of its own, and {count:,} behind its modifiers, which are read"
+                   for name, own, count in counts if own not in (0, count))
     fps = float(got["fps"])
     lengths = tuple(Clip(name, seconds, fps) for name, seconds in zip(clips, got["seconds"].tolist()))
     return Motion(parts, fps if moves else None, float(got["unit"]), "y",

@@ -63,24 +63,50 @@ def play(clips, wanted) -> tuple[float, float]:
             item.animation_data.action = None
     names = [action.name for action in clips]
     if wanted["clip"] is None:
-        chosen = list(range(len(clips)))
+        chosen = together([moves(action, owners) for action in clips])
     else:
         chosen = [names.index(one) if one in names else one for one in wanted["clip"]]
         chosen = [k for k in chosen if isinstance(k, int) and k < len(clips)]
     moved: set[str] = set()
     spans = []
     for k in chosen if wanted["moves"] else ():
-        mine = [slot for slot in clips[k].slots if slot.identifier in owners]
-        if wanted["clip"] is None and moved & {slot.identifier for slot in mine}:
-            continue
-        for slot in mine:
-            if slot.identifier not in moved:
+        for slot in clips[k].slots:
+            if slot.identifier in owners and slot.identifier not in moved:
                 data = owners[slot.identifier].animation_data or owners[slot.identifier].animation_data_create()
                 data.action, data.action_slot = clips[k], slot
                 moved.add(slot.identifier)
         clips[k]["taken"] = 1
         spans.append(tuple(clips[k].frame_range))
     return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else (1.0, 1.0)
+
+
+def moves(action, owners) -> dict[str, dict]:
+    """By each slot of an object or shape keys, the keys of its curves that are not constant."""
+    out: dict[str, dict] = {slot.identifier: {} for slot in action.slots if slot.identifier in owners}
+    for bag in [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]:
+        for curve in bag.fcurves if bag.slot.identifier in out else ():
+            keys = [(round(key.co[0], 4), round(key.co[1], 4)) for key in curve.keyframe_points]
+            if len({value for _, value in keys}) > 1:
+                out[bag.slot.identifier][curve.data_path, curve.array_index] = keys
+    return out
+
+
+def together(clips: list[dict[str, dict]]) -> list[int]:
+    """Numbers of the clips, as `moves` has them, that play where none is named: the first, and others that it agrees with.
+
+    Blender writes each object's action for all other objects, too: such copies move only objects that nothing else moves.
+    """
+    taken: list[int] = []
+    held: dict[str, dict] = {}
+    for copies in (False, True):
+        for k, clip in enumerate(clips):
+            fresh = [curves for slot, curves in clip.items() if slot not in held]
+            clashes = any(held.get(slot, curves) != curves for slot, curves in clip.items())
+            copied = any(curves and curves in held.values() for curves in fresh)
+            if fresh and not clashes and (copies or not copied):
+                taken.append(k)
+                held = clip | held
+    return taken
 
 
 def shown(frame: float):
@@ -134,6 +160,7 @@ def first_of(name, mesh, item, loops, world):
     mesh.polygons.foreach_get("material_index", material)
     got = {f"corners {name}": loops, f"counts {name}": np.diff([*start, len(loops)]), f"material {name}": material,
            f"materials {name}": np.array([m.name if m else "" for m in item.data.materials], dtype=str),
+           f"own {name}": np.array(len(getattr(item.original.data, "vertices", ()))),
            f"mirrored {name}": np.array(np.linalg.det(world[:3, :3]) < 0)}
     if mesh.uv_layers:
         uv = np.empty(2 * len(loops), dtype=np.float32)
