@@ -114,7 +114,10 @@ class ProximalGradient:
     def _product(self, rows: np.ndarray) -> np.ndarray:
         """(n, 3) A times rows (n, 3)."""
         write(self.solver.s, rows.astype(self.operator.model.exchange))
-        self._multiply()
+        if self.solver.together:
+            self._together(0)
+        else:
+            self._multiply()
         return read(self.solver.As).astype(float)
 
     @ti.kernel
@@ -146,7 +149,7 @@ class ProximalGradient:
 
     @ti.kernel
     def _together(self, most: int):
-        """Iterations in one launch, by the solver's phase scheduler."""
+        """Iterations in one launch, by the solver's phase scheduler; with none, As = A s."""
         self.phases.start(MULTIPLY)
         self.count[DID] = 0
         for t in range(self.phases.tasks):
@@ -173,13 +176,12 @@ class ProximalGradient:
     def after(self, kind, most):
         """The kind of phase that follows."""
         following = MULTIPLY
-        if kind == MULTIPLY:
+        if kind == MULTIPLY and most > 0:
             following = UPDATE
-        elif kind == UPDATE:
-            following = MULTIPLY
+        if kind == UPDATE:
             self.count[DID] += 1
-            if self.count[DID] >= most:
-                following = END
+        if self.count[DID] >= most:
+            following = END
         return following
 
     @ti.func
