@@ -211,6 +211,7 @@ def test_the_command_says_where_and_ctrl_c_ends_it_cleanly():
         assert again.returncode == 2 and again.stderr.count("\n") == 1 and f"port {port}" in again.stderr
         process.send_signal(signal.SIGINT)
         out, error = process.communicate(timeout=300)
-        assert process.returncode == 0 and out == error == ""
+        assert process.returncode == 0 and error == ""
+        assert all(line.startswith("building kernels") for line in out.splitlines())  # where it came as far as that
     finally:
         process.kill()
