@@ -122,8 +122,8 @@ class SolidStep(EulerStep):
         """Whether contacts agree with the forces at the end of the solve, evaluated there. If so, contact forces balance
         them."""
         system, contacts = self.system, self.system.contacts
-        solids, balance = contacts.solids, contacts.balance
-        if balance.smoothed or solids.wanting():
+        solids = contacts.solids
+        if solids.wanting():
             return False
         keep = solids.linearized, solids.pressing, contacts.base
         _, lacks, needed = forces_at_end(system, self.c, self.held, self.c if system.base is None else 0.0)
