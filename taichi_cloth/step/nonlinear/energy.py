@@ -31,22 +31,18 @@ class EnergyTest:
         self.brake = Brake(self.model, system.scene)
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
-                 stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
-                 slack: float = 0.0) -> tuple[Measures, Ledger] | None:
+                 fits: Callable[[Measures, Ledger], bool] | None = None, slack: float = 0.0) -> tuple[Measures, Ledger] | None:
         """(measures, ledger) of the step, if its energy has not grown beyond work and rounding.
 
         Else they are those after the excess was taken off velocities; None if that is too much.
 
         Args:
             most: part of the velocities that may be taken off.
-            stiffened: energy [J] that layers of cloth may have been given; None: the energy they were given.
             slack: part of all that a step's energy goes through by which works may be off.
             fits: whether a step that has to be slowed down is good enough otherwise; it is left alone if not. None: all are.
         """
         work = self.work(h, held, start, measures)
         ledger = one_stage(h, start, measures, work)
-        if stiffened is not None:
-            work = replace(work, layers=min(work.layers, stiffened))
         over = gained(start, measures, work) - max(0.0, ledger.wind) - self.system.rounding(h, start, measures)
         over -= slack * sum(abs(value) for value in asdict(ledger).values())
         over -= SLIGHT * measures.energies.get("contact", 0.0)

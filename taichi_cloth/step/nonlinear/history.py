@@ -54,14 +54,13 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         self.power, self.debt, self.motion = np.zeros(len(GOES_ON)), 0.0, 0.0
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
-                 stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
-                 slack: float = 0.0) -> tuple[Measures, Ledger] | None:
+                 fits: Callable[[Measures, Ledger], bool] | None = None, slack: float = 0.0) -> tuple[Measures, Ledger] | None:
         """See `EnergyTest`; `h` is c of the step."""
         base = self.base
         self.motion_1 = max(start.energies["kinetic"], measures.energies["kinetic"],
                             self.motion * math.exp(-(h if base is None else base.h) / LAPSE))
         if base is None:
-            made = super().conclude(h, held, start, measures, most, stiffened, fits, slack)
+            made = super().conclude(h, held, start, measures, most, fits, slack)
             if made is not None:
                 self.power_1 = np.array([getattr(made[1], name) for name in GOES_ON]) / h
                 self.debt_1 = max(0.0, self.debt + made[1].change - made[1].total - max(0.0, made[1].wind))
@@ -76,8 +75,6 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         ledger = Ledger(**asdict(work), kinetic=measures.energies["kinetic"] - start.energies["kinetic"],
                         potential=measures.potential - start.potential, wind=wind, damping=damping)
         ledger = replace(ledger, method=undone - ledger.unaccounted)
-        if stiffened is not None:
-            work = replace(work, layers=min(work.layers, stiffened))
         over = gained(start, measures, work) - max(0.0, wind)
         self.debt_1 = max(0.0, self.debt + over)
         scale, rounding = self.motion_1 + self.weight * FALL * base.h, self.system.rounding(c, start, measures)

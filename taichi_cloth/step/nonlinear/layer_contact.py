@@ -59,11 +59,8 @@ class LayerStep(EulerStep):
         super().__init__(system, energy, None, h, pins, start, clock, solutions)
         self.contacts, self.layers = system.contacts, system.contacts.layers
         with clock.part("C-S"):
-            known = self.contacts.warm
             predict(system, h, pins, together=True)
             system.start_over()
-            stored = self.layers.energy if known and not self.layers.freed else self.layers.energy_here()
-        self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
         self.agrees = False  # whether contacts with solids do
@@ -174,11 +171,8 @@ class LayerStep(EulerStep):
         return None if ended is None else self.finish(*ended)
 
     def conclude(self, measures: Measures, early: bool = False) -> tuple[Measures, Ledger] | None:
-        """Calls `EnergyTest.conclude`; intersections that are pulled apart may be given energy. Early, a step has to fit
-        before it is slowed down."""
-        given = math.inf if self.layers.intersections.active else self.stiffened + self.layers.stiffened
-        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given,
-                                    self.fits if early else None)
+        """Calls `EnergyTest.conclude`. Early, a step has to fit before it is slowed down."""
+        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, self.fits if early else None)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether solids let the step pass."""

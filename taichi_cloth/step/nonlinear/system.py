@@ -51,7 +51,7 @@ class System:
         self.notes: list[str] = []
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene, self.tell)
         self.pulled = any(force.attached is not None for force in forces)
-        alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None and not self.pulled
+        alone = not scene.solids and scene.air is None and not self.pulled
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
