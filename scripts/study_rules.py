@@ -1,7 +1,7 @@
 """What a constant or a rule is worth: scenes with it switched off or changed, beside the same scenes as they are.
 
     python scripts/study_rules.py                                      # the rules named here, on three scenes
-    python scripts/study_rules.py --scenes fold --without "no brake: step.nonlinear.brake.MOST=0.0"
+    python scripts/study_rules.py --scenes fold --without "no brake: step.nonlinear.energy.MOST=0.0"
     python scripts/study_rules.py --without "both: contact.foresight.OFTEN=1000, contact.growth.NEAR=0.0"
 
 A change is a dotted module within the package, a name in it, and a Python value. `off` is how far a vertex ends from where it

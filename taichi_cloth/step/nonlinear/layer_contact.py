@@ -21,9 +21,8 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
-from .brake import MOST
 from .effort import Effort
-from .energy import EnergyTest
+from .energy import MOST, EnergyTest
 from .euler import EulerStep
 from .newton import Outcome, minimize, phi
 from .solid_contact import SolidPolicy, predict
@@ -236,4 +235,25 @@ class LayerPolicy(SolidPolicy):
         if self.layers.intersections.active or self.layers.freed:
             with clock.part("C-S"):
                 self.layers.count_tangled(False)
+        return made
+
+
+class SpringPolicy(SolidPolicy):
+    """Steps with the springs of `contact.cloth.springs` among their forces: one solve, no further than nothing collides."""
+
+    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
+        """See `EulerPolicy`."""
+        contacts, made = self.system.contacts, super().attempt(h, pins, start, clock, solutions)
+        layers = contacts.layers
+        if made.rejection is None:
+            layers.record_forces()
+            part = layers.advance()
+            if part < 1:
+                if contacts.start.small:
+                    layers.release(contacts.start.smallest)
+                detail = f"cloth would pass through cloth, a collision-free step is {part:.2g} of it"
+                made = replace(made, rejection=CONTACT, detail=detail)
+            layers.look()
+        if layers.intersections.active:
+            layers.count_tangled()
         return made
