@@ -24,7 +24,7 @@ TIGHT: list[Change] = [
     (LAYERS, "RUBBED", 5e-4), (LAYERS, "PATIENCE", 80), (LAYERS, "SOONER", 30), (LAYERS + ".Layers", "ROUNDS", 120),
     ("contact.contacts", "AGREED", 1e-4), ("step.nonlinear.solid_contact", "ROUNDS", 60),
     ("step.nonlinear.layer_contact", "LATER", 60),
-    ("contact.foresight", "OFTEN", 10**9)]
+    ("contact.step_start", "OFTEN", 10**9)]
 WAYS: dict[str, tuple[list[Change], dict]] = {
     "as it is": ([], {}), "newton_euler": ([], {"integrator": "newton_euler"}),
     "let converge": (TIGHT, {"cg_tol": 1e-6}),

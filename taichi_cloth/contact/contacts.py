@@ -13,12 +13,11 @@ from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
 from .contact_force import ContactForce
-from .foresight import Foresight
 from .points import Points
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
-from .step_start import StepStart
+from .step_start import Foresight, StepStart
 
 AGREED = 0.001  # part of all that acts by which contacts may be off Coulomb's law in a step. With .002, this and .0005
 # `sphere_drape` takes 470, 495 and 498 solves for 1 s

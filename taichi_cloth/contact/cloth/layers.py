@@ -26,7 +26,7 @@ from ...system.state import ParticleState
 from ..points import Points, rows_of
 from ..step_start import StepStart
 from . import pair_kernels
-from .barrier import FLOOR, room
+from .barrier import FLOOR
 from .broad_phase import ROUNDING
 from .contact_pairs import Comparison, ContactPairs, LinearizedPairs
 from .firmness import CLOSE, Firmness
@@ -224,13 +224,13 @@ class Layers(Checkpointed):
         p, compared, blocks = self.near, self.compared, np.zeros(self.model.n, dtype=bool)
         assert compared is not None
         blocks[self.detector.mesh.particles_of(self.blocking).ravel()] = True
-        stopped = blocks[p.vertices].all(axis=1) & (compared.rows >= 0) & (room(p.end, p.radius) < CLOSE)
+        stopped = blocks[p.vertices].all(axis=1) & (compared.rows >= 0) & (p.room < CLOSE)
         if stopped.any():
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
         """(k,) which pairs end nearer than a step may leave them, and have not parted: after a rest they may begin nearer."""
-        p, was = self.near, float(room(np.array([self.was]), np.ones(1))[0])
+        p, was = self.near, (self.was - FLOOR) / (1 - FLOOR)
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
