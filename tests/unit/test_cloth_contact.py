@@ -289,7 +289,7 @@ def test_room_for_points_of_contact_grows(monkeypatch):
     """A run with room for a few at first is, bit for bit, one that has enough; without it, a step is refused by name."""
 
     def run(room: int, may_be: int) -> tuple[np.ndarray, int, list[int]]:
-        for name, value in (("ROOM", 0), ("SPARE", room), ("LAYERED", may_be)):
+        for name, value in (("ROOM", 0), ("SPARE", room), ("MOST", may_be)):
             monkeypatch.setattr(contact_force, name, value)
         with two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0), fabric=plain)[2] as sim:
             had = [sim.contacts.force.vertices.shape[0]]
@@ -501,7 +501,8 @@ def test_a_tangle_is_as_large_as_what_crosses_away_from_seams(crossings, sewn, f
     """Of 20 crossings without a sewn corner at most, it is led twice as firmly after a usual step. One edge crosses all."""
     knots = np.arange(99)
     knots[sewn] = 98
-    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), knots=knots)
+    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), knots=knots,
+                           around=lambda some: some)
     tangles = Intersections(99, mesh, "untangle")
     tangles.edges = np.tile([95, 96], (crossings, 1))
     tangles.rows = np.arange(crossings)

@@ -41,7 +41,6 @@ RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: error that the forces of pairs may have, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 PINCHING = 0.02  # of half the thickness: particles that move more than that within a step are not pinched, but fast
-AROUND = 1  # rings of neighbours that rest with the particles let go between steps
 STUCK = 0.1  # of the distance layers keep: pairs that start nearer, after all moving apart, are tangled
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
@@ -330,9 +329,7 @@ class Layers(Checkpointed):
         """Deactivates for a while the pairs of particles (k,) and their neighbours, between steps."""
         near: np.ndarray = np.zeros(self.model.n, dtype=bool)
         near[particles] = True
-        for _ in range(AROUND):
-            near[self.detector.mesh.faces[near[self.detector.mesh.faces].any(axis=1)]] = True
-        self.intersections.release(np.flatnonzero(near))
+        self.intersections.release(self.detector.mesh.around(near))
         self._let_rest()
 
     def release_nearest(self) -> None:

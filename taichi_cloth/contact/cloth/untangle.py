@@ -19,7 +19,6 @@ from ..step_start import StepStart
 from .collision_mesh import CollisionMesh
 from .contact_pairs import ContactPairs
 
-RINGS = 1  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
 PULL_STIFF = 10.0  # stiffness of that over mass / h^2
 FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts
@@ -143,17 +142,18 @@ class Intersections(Checkpointed):
         return out
 
     def _rest(self) -> None:
-        """Particles near a crossing rest, and so do those that were pinched."""
+        """Particles of a crossing rest, their neighbours, and those that were pinched.
+
+        With two rings of neighbours tangles grew. With none, what is well through meets the other side from the wrong side.
+        """
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True
         near[self.faces[self.rows].ravel()] = True
-        for _ in range(RINGS):
-            near[self.faces[near[self.faces].any(axis=1)].ravel()] = True
-        self.resting = near | (self.until > 0)
+        self.resting = self.mesh.around(near) | (self.until > 0)
         self.active = bool(self.resting.any())
 
     def release(self, particles: np.ndarray) -> None:
-        """Lets pairs of particles rest for a while."""
+        """Lets pairs of particles, by numbers or as a mask (n,), rest for a while."""
         self.until[particles] = RELEASED
         self.resting = self.resting | (self.until > 0)
         self.active = bool(self.resting.any())
