@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .cloth.contact_pairs import ContactPairs
     from .cloth.layers import Layers
 
-NEARER = 0.1  # of the distance layers keep: pairs that start nearer are moved apart
 SWEEPS = 60
 PATIENCE, BETTER = 8, 0.98  # sweeps in which the lack has to become so much less of itself
 LAYERS, SPARE = 0.6, 0.2  # of the distance layers keep: to which they are moved apart, and how much more they may lack
@@ -88,7 +87,7 @@ class _Start:
         """(k,) particles of pairs that are too near where the model is."""
         pairs, between, rows = self.scan.find_pairs(), self.between(), []
         if between is not None:
-            rows.append(between.vertices[between.end < NEARER * between.radius].ravel())
+            rows.append(between.vertices[between.stuck].ravel())
         if pairs is not None:
             part = self.scan.part_of(pairs)
             rows.append(pairs.own_vertices[(part > 0) & (part < NEAR)].ravel())

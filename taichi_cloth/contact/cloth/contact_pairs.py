@@ -45,6 +45,11 @@ class ContactPairs:
         """(k,) height of the distance above the floor, over that of the distance to keep; negative below the floor."""
         return (self.end / self.radius - FLOOR) / (1 - FLOOR)
 
+    @property
+    def stuck(self) -> np.ndarray:
+        """(k,) which pairs are as good as tangled: nearer than half of the floor."""
+        return self.end < FLOOR / 2 * self.radius
+
     @cached_property
     def key(self) -> np.ndarray:
         """(k,) one number each."""

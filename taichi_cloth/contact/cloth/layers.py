@@ -41,7 +41,6 @@ RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: error that the forces of pairs may have, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 PINCHING = 0.02  # of half the thickness: particles that move more than that within a step are not pinched, but fast
-STUCK = 0.1  # of the distance layers keep: pairs that start nearer, after all moving apart, are tangled
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
@@ -342,7 +341,7 @@ class Layers(Checkpointed):
         """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: no
         step could take less than the distance they have left."""
         p = self.detector.look()
-        stuck = (p.end < STUCK * p.radius) & which[p.vertices].any(axis=1)
+        stuck = p.stuck & which[p.vertices].any(axis=1)
         if stuck.any():
             self.intersections.lead_apart(p, stuck)
             self._let_rest()
