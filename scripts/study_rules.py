@@ -29,7 +29,6 @@ RULES: dict[str, list[Change]] = {
               ("step.nonlinear.layer_contact", "MOST", 0.0)],
     "stiffer layers": [("contact.cloth.firmness", "STIFFER", 1.0)],
     "stiffer edges of solids": [("contact.solid.firmness", "TIMES", MANY)],
-    "search by the potential": [("step.nonlinear.layer_contact", "BOLD", MANY)],
     "looser law of contact": [("contact.contacts", "AGREED", 0.02)],
     "planes that follow": [("contact.solid.balance", "MET", MANY)],
     "growth of thickness": [("contact.growth", "NEAR", 0.0)],

@@ -210,11 +210,11 @@ class Contacts(Checkpointed):
         return out
 
     def lagged(self, h: float) -> float:
-        """Terms of friction, pairs and layers in the incremental potential [J] where the model now is, as the last solve
+        """Terms of friction, pairs and springs in the incremental potential [J] where the model now is, as the last solve
         took them."""
         moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
         points = [*([self.between] if self.sprung else []), solids.rubbing, solids.pressing]
-        return sum(p.potential(moved, h) for p in points) + (self.layers.lagged() if self.layers is not None else 0.0)
+        return sum(p.potential(moved, h) for p in points)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""

@@ -24,6 +24,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
 from ..points import Points, rows_of
+from ..solid.balance import EARTH
 from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR
@@ -38,8 +39,7 @@ SOONER = 3  # and where cloth is pinched or passes through itself
 LAGGED = 0.1  # relative error of the sum of friction's bounds, against those by the same solve's normal forces
 AGREED = 0.1  # part of all forces of pairs by which their forces in a solve may be off
 RUBBED = 0.05  # the same of friction beyond its cone
-LOOSE = 2.0  # of gravity: error that the forces of pairs may have, over the mass they act on
-GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
+LOOSE = 2.0  # of gravity, the earth's at least: error that the forces of pairs may have, over the mass they act on
 PINCHING = 0.02  # of half the thickness: particles that move more than that within a step are not pinched, but fast
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
@@ -71,7 +71,7 @@ class Layers(Checkpointed):
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
-        self.gravity = scene.gravity
+        self.loose = LOOSE * max(float(np.linalg.norm(scene.gravity)), EARTH)  # m/s^2
         self.firmness, self.stiffened = Firmness(model.n), 0.0
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.lips: Any = None
@@ -197,10 +197,8 @@ class Layers(Checkpointed):
         gone[row[row >= 0]] = False
         force = np.concatenate([now - np.where(row >= 0, taken[row], 0.0) if len(taken) else now, taken[gone]])
         own = np.concatenate([weighed[pair_kernels.OWN], q.weighed[pair_kernels.OWN][gone]])
-        radius = np.concatenate([p.radius, q.near.radius[gone]])
-        allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.start.h**2)
         total = float(np.sum(now))
-        wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
+        wrong = np.where(np.abs(force) > self.loose * own, np.abs(force), 0.0)
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
         rubs_as = float(np.sum(bears))
         lag = abs(float(np.sum(q.weighed[pair_kernels.MU] * np.maximum(taken, 0.0))) - rubs_as)
@@ -239,20 +237,6 @@ class Layers(Checkpointed):
         self._weighed = None
         self.energy = self._energy(p)
         self.stiffened += self.energy - before
-
-    @timed
-    def lagged(self) -> float:
-        """The part of the incremental potential [J] of layers besides `energy`, now, as the last solve took it.
-
-        Friction, and the stop of approaches, of the pairs of that solve; and repulsion as it would be with their factors:
-        factors change from place to place and have no force.
-        """
-        q, p, compared = self.linearized, self.near, self.compared
-        if q is None or compared is None or not len(q.near.end):
-            return 0.0
-        change = np.where(compared.rows >= 0, q.near.factor[compared.rows] / p.factor - 1, 0.0)
-        lost = compared.measured[pair_kernels.RUB] + compared.measured[pair_kernels.STOPPED]
-        return float(np.sum(lost) + np.sum(change * self._evaluate(p)[0][pair_kernels.POTENTIAL]))
 
     @timed
     def commit(self) -> None:
@@ -408,6 +392,5 @@ class Layers(Checkpointed):
         """(., j) numbers of pairs that a solve took, where the model now is."""
         p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
         if len(p.end):
-            self.kernels.measure(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken,
-                              self.start.h, out)
+            self.kernels.measure(p.vertices, p.weights, p.normal, q.points.turns, q.taken, self.start.h, out)
         return out
