@@ -135,7 +135,7 @@ MUTATIONS = (
      "straying where paths begin", STRAYS),
     (CONTACT + "cloth/broad_phase.py", "self.begins(i) + self.common[0], self.walked[i] + self.common[1]",
      "self.begins(i), self.walked[i]", "what stays is looked for where it was before all moved", STRAYS),
-    (CONTACT + "cloth/broad_phase.py", "if count > MANY * self.model.n:", "if False:", "what moves as one is looked for again",
+    (CONTACT + "cloth/broad_phase.py", "if count > MOST * self.model.n:", "if False:", "what moves as one is looked for again",
      STRAYS),
     (CONTACT + "cloth/broad_phase.py", "self.left[i] + self.part[0] * (self.walked[i] - self.left[i])", "self.walked[i]",
      "what is known of the rest of a path is forgotten", STRAYS),
