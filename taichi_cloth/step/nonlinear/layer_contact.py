@@ -14,6 +14,7 @@ import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
+from ...contact.cloth.layers import LATER
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
@@ -28,8 +29,6 @@ from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
-LATER = 3  # Newton steps after which contacts with solids that still change do so in the next step: with 2 and 6 the tube on a
-# dance four times as fast takes 63 and 67 steps for 62, three sheets that fall on a ball 167 and 201 solves for 168
 MANY = 0.1  # of the contacts with solids: where a Newton step changes more, others follow, and so in the next step
 RETRIES = 10  # attempts at a small step, each without the pairs that kept the last from going all of its way
 
