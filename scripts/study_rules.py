@@ -1,8 +1,8 @@
 """What a constant or a rule is worth: scenes with it switched off or changed, beside the same scenes as they are.
 
     python scripts/study_rules.py                                      # the rules named here, on three scenes
-    python scripts/study_rules.py --scenes fold --without "no brake: step.nonlinear.brake.MOST=0.0"
-    python scripts/study_rules.py --without "both: contact.foresight.OFTEN=1000, contact.growth.NEAR=0.0"
+    python scripts/study_rules.py --scenes fold --without "no brake: step.nonlinear.energy.MOST=0.0"
+    python scripts/study_rules.py --without "both: contact.step_start.OFTEN=1000, contact.growth.NEAR=0.0"
 
 A change is a dotted module within the package, a name in it, and a Python value. `off` is how far a vertex ends from where it
 ends without changes, `digits` how many of its size's decimal digits are the same. Two rows of a scene "as it is" that differ
@@ -22,14 +22,13 @@ from changed import Change, changed, head, line, plain, run  # noqa: E402
 
 MANY = 10**9
 RULES: dict[str, list[Change]] = {
-    "foresight": [("contact.foresight", "OFTEN", MANY)],
+    "foresight": [("contact.step_start", "OFTEN", MANY)],
     "rough further solves": [("step.nonlinear.layer_contact", "LOOSER", 1.0), ("step.nonlinear.layer_contact", "ROUGH", 0.0),
                              ("step.nonlinear.effort", "FURTHER", 0.0)],
     "brake": [("step.nonlinear.euler", "LIGHT", 0.0), ("step.nonlinear.euler", "MOST", 0.0),
               ("step.nonlinear.layer_contact", "MOST", 0.0)],
     "stiffer layers": [("contact.cloth.firmness", "STIFFER", 1.0)],
     "stiffer edges of solids": [("contact.solid.firmness", "TIMES", MANY)],
-    "search by the potential": [("step.nonlinear.layer_contact", "BOLD", MANY)],
     "looser law of contact": [("contact.contacts", "AGREED", 0.02)],
     "planes that follow": [("contact.solid.balance", "MET", MANY)],
     "growth of thickness": [("contact.growth", "NEAR", 0.0)],

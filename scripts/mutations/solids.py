@@ -34,7 +34,6 @@ PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/
 TESTS = (CONTACT, SHAPES, DRIVES)
 
 SOLVES = "taichi_cloth/step/nonlinear/solid_contact.py"
-SIGHT = "taichi_cloth/contact/foresight.py"
 FACADE = "taichi_cloth/contact/contacts.py"
 POINTS = "taichi_cloth/contact/points.py"
 STEP = "taichi_cloth/contact/step_start.py"
@@ -85,9 +84,9 @@ MUTATIONS = (
     # friction
     (RESPONSE, "stick &= mu > 0", "stick &= mu >= 0", "smooth solids stick", f"{CONTACT} {FRICTION}"),
     # preliminary solves
-    (SIGHT, "self.rounds = self.rounds + 1 if self.asked else 0", "self.rounds = self.rounds + 1", "they always are",
+    (STEP, "self.rounds = self.rounds + 1 if self.asked else 0", "self.rounds = self.rounds + 1", "they always are",
      HALVED),
-    (SIGHT, "return self.rounds >= OFTEN", "return True", "also where nothing was to be expected", ROUGH),
+    (STEP, "return self.rounds >= OFTEN", "return True", "also where nothing was to be expected", ROUGH),
     ("taichi_cloth/step/nonlinear/euler.py", "    touches = False", "    touches = True", "free cloth has rough ones too",
      "tests/hard/test_hard_starts.py"),
     ("taichi_cloth/step/nonlinear/effort.py", "max(first, FURTHER) if first >= CG_TOL else first", "max(first, FURTHER)",

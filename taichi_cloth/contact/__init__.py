@@ -4,7 +4,7 @@
 - `contact_force`: terms of contacts in the linear system besides held directions; `points`: its points of contact, and
   the arithmetic of its rows.
 - `contacts`: all this as a step sees it: the particles held in the next solve, whether it settled, forces, checkpoints;
-  `step_start`: where an attempt begins.
+  `step_start`: where an attempt begins, and how many solves it will hardly do with.
 - `solid/`: cloth against solids. `vertices` and `mesh` detect, over the step, vertices of cloth that meet analytic solids
   and triangles, and edges and corners of solids that meet edges and faces of cloth; `query` runs those that a scene needs.
   `solid_contacts` decides which contacts hold (`active_set`), stick and slide (`sliding`: friction); `pairs` presses edges

@@ -19,7 +19,7 @@ from ..system.state import ParticleState
 from .points import CORNERS, Points
 
 ROOM, SPARE = 4, 32768  # points a particle that there is room for to begin with, and more than those
-ALONE, LAYERED = 8, 40  # a particle that there may be, without and with cloth that meets cloth, and SPARE more
+MOST = 40  # a particle that there may be, and SPARE more
 
 
 @ti.data_oriented
@@ -35,7 +35,7 @@ class ContactForce(Force):
     def __init__(self, fields: Fields, model: ParticleState, layered: bool = False) -> None:
         self.model, self._fields, self.layered = model, fields, layered
         self.capacity = ROOM * model.n + SPARE
-        self.most = (LAYERED if layered else ALONE) * model.n + SPARE
+        self.most = MOST * model.n + SPARE
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
         self.exchange = model.exchange
 

@@ -13,12 +13,11 @@ from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
 from .contact_force import ContactForce
-from .foresight import Foresight
 from .points import Points
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
-from .step_start import StepStart
+from .step_start import Foresight, StepStart
 
 AGREED = 0.001  # part of all that acts by which contacts may be off Coulomb's law in a step. With .002, this and .0005
 # `sphere_drape` takes 470, 495 and 498 solves for 1 s
@@ -211,11 +210,11 @@ class Contacts(Checkpointed):
         return out
 
     def lagged(self, h: float) -> float:
-        """Terms of friction, pairs and layers in the incremental potential [J] where the model now is, as the last solve
+        """Terms of friction, pairs and springs in the incremental potential [J] where the model now is, as the last solve
         took them."""
         moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
         points = [*([self.between] if self.sprung else []), solids.rubbing, solids.pressing]
-        return sum(p.potential(moved, h) for p in points) + (self.layers.lagged() if self.layers is not None else 0.0)
+        return sum(p.potential(moved, h) for p in points)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""

@@ -24,7 +24,6 @@ from .settle import as_one
 from .solid.query import Scanner
 
 DEEPEST = 0.03  # m: vertices further inside belong elsewhere, on the other side of a limb for example
-BESIDE = 1.0  # edges of a surface: a point further beside its nearest vertex is beyond its border
 SWEEPS = 12
 SAMPLE = 400  # triangles of a panel that say which way it faces
 ROWS = 512  # points at a time whose nearest others are looked for
@@ -169,7 +168,7 @@ def _above(x: np.ndarray, surface: _Surface) -> _Above:
     off = x[rows] - surface.x[near]
     height = np.einsum("ki,ki->k", off, surface.normal[near])
     beside = np.linalg.norm(off - height[:, None] * surface.normal[near], axis=1)
-    there = (np.abs(height) < DEEPEST) & (beside < BESIDE * surface.edge)
+    there = (np.abs(height) < DEEPEST) & (beside < surface.edge)  # further beside its nearest vertex it is beyond the border
     return _Above(rows[there], near[there], height[there])
 
 

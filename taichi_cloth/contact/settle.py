@@ -24,15 +24,12 @@ if TYPE_CHECKING:
     from .cloth.contact_pairs import ContactPairs
     from .cloth.layers import Layers
 
-NEARER = 0.1  # of the distance layers keep: pairs that start nearer are moved apart
 SWEEPS = 60
 PATIENCE, BETTER = 8, 0.98  # sweeps in which the lack has to become so much less of itself
-LAYERS, SPARE = 0.6, 0.2  # of the distance layers keep: to which they are moved apart, and how much more they may lack
 AIM, ENOUGH = 0.9, 0.05  # of the distance kept: to which cloth is moved apart; how much of that may lack in the end
 NEAREST = 0.5  # of the thickness: sewn particles that are nearer to their mean are brought together
-AGAIN = 4  # times that particles that cross then are left as they are
 MOST = 0.1  # of the thickness: most by which a particle is moved in a sweep
-TOGETHER = 12  # times that layers which would come too near are moved as one, before all of it is made smaller
+TOGETHER = 12  # times that layers which would come too near are moved as one, and what would cross is left as it is
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ class _Start:
         """(k,) particles of pairs that are too near where the model is."""
         pairs, between, rows = self.scan.find_pairs(), self.between(), []
         if between is not None:
-            rows.append(between.vertices[between.end < NEARER * between.radius].ravel())
+            rows.append(between.vertices[between.stuck].ravel())
         if pairs is not None:
             part = self.scan.part_of(pairs)
             rows.append(pairs.own_vertices[(part > 0) & (part < NEAR)].ravel())
@@ -112,7 +109,7 @@ class _Start:
         there = np.where(near[knots][:, None], x + to_mean, x)
         if self.layers is not None and near.any():
             tangles = self.layers.intersections
-            for _ in range(AGAIN):
+            for _ in range(TOGETHER):
                 tangles.look(there)
                 edges, rows = tangles.found
                 at = knots[np.concatenate([edges.ravel(), tangles.faces[rows].ravel()])]
@@ -157,21 +154,21 @@ class _Start:
         n, found, pairs = self.model.n, self.scan.detect(), self.scan.find_pairs()
         by, count, most = np.zeros((n, 3)), np.zeros(n), [0.0]
         t = self.scan.thickness[found.solid]
-        parts = [(found.index[:, None], np.ones((len(t), 1)), found.normal, found.gap + t, t, AIM)]
+        parts = [(found.index[:, None], np.ones((len(t), 1)), found.normal, found.gap + t, t)]
         if pairs is not None:
             keeps = PAIR * self.scan.thickness[pairs.solid]
-            parts.append((pairs.vertices, pairs.weights, pairs.normal, pairs.distance, keeps, AIM))
+            parts.append((pairs.vertices, pairs.weights, pairs.normal, pairs.distance, keeps))
         near = self.between() if layered else None
         if near is not None:
-            parts.append((near.vertices, near.weights, near.normal, near.end, near.radius, LAYERS))
-        for rows, w, normal, distance, keeps, aim in parts:
-            lack = np.where(distance > 0, aim * keeps - distance, 0.0)
+            parts.append((near.vertices, near.weights, near.normal, near.end, near.radius))
+        for rows, w, normal, distance, keeps in parts:
+            lack = np.where(distance > 0, AIM * keeps - distance, 0.0)
             some = np.flatnonzero(lack > 0)
             w, lack, rows = w[some], lack[some], rows[some]
             push = w * (lack / np.maximum((w**2).sum(axis=1), 1e-12))[:, None]
             np.add.at(by, rows, push[:, :, None] * normal[some, None, :])
             np.add.at(count, rows, np.abs(w))
-            most.append(float((lack / keeps[some]).max(initial=0.0)) - (SPARE if aim == LAYERS else 0.0))
+            most.append(float((lack / keeps[some]).max(initial=0.0)))
         by /= np.maximum(count, 1)[:, None]
         size = np.linalg.norm(by, axis=1)
         return by * np.minimum(1, MOST * self.most / np.maximum(size, 1e-30))[:, None], max(most)

@@ -1,4 +1,4 @@
-"""The start of an attempt at a step, as contact sees it. numpy only."""
+"""The start of an attempt at a step, as contact sees it, and what the steps before let expect of it. numpy only."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,10 +7,12 @@ import numpy as np
 
 from ..options import usual
 from ..system.base import Base
+from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across, where there is no room
 SMALLEST = 2048  # times smaller than the usual, layers that allow no collision-free step are pinched, however fast
+OFTEN = 2  # steps one after the other that took more solves, after which the next one is expected to
 
 
 @dataclass(frozen=True)
@@ -83,3 +85,36 @@ class StepStart:
     def smallest(self) -> bool:
         """Whether there is hardly a smaller step to try."""
         return self.h <= usual(self.h_usual) / SMALLEST
+
+
+class Foresight(Checkpointed):
+    """Whether the first solve of a step with layers of cloth is likely to be its last, by the steps before: one that others
+    follow may be rough.
+
+    Attributes:
+        rounds: accepted steps, one after the other, in which a Newton step was cut short, or changed many contacts.
+        asked: whether that is so in this attempt.
+    """
+
+    STATE = ("rounds",)
+
+    def __init__(self) -> None:
+        self.rounds = 0
+        self.asked = False
+
+    def begin(self) -> None:
+        """A new attempt."""
+        self.asked = False
+
+    def commit(self) -> None:
+        """The attempt was accepted."""
+        self.rounds = self.rounds + 1 if self.asked else 0
+
+    def clear(self) -> None:
+        """Nothing is known of the steps before."""
+        self.rounds = 0
+
+    @property
+    def more_rounds(self) -> bool:
+        """Whether a first solve will hardly be the last."""
+        return self.rounds >= OFTEN

@@ -132,7 +132,7 @@ def test_studies_of_contact_run(tmp_path):
     """Tables with a row for each way, on a scene too short to say anything; what changes nothing has all digits the same."""
     scripts, file = ROOT / "scripts", tmp_path / "rows.json"
     short = ["--scenes", "sphere_drape", "--until", "0.02", "--json", file]
-    done = call_script(scripts / "study_rules.py", *short, "--without", "none: contact.foresight.OFTEN=2")
+    done = call_script(scripts / "study_rules.py", *short, "--without", "none: contact.step_start.OFTEN=2")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert len(lines) == 5 and " | none | " in lines[3] and " | 0 | 16.0 | " in lines[3]
@@ -164,13 +164,13 @@ def test_changes_name_what_is_there_and_are_taken_back(monkeypatch):
         with changed(changes):
             assert [getattr(owner(where), name) for where, name, _ in changes] == [value for *_, value in changes]
         assert [getattr(owner(where), name) for where, name, _ in changes] == before
-    label, changes = study_rules.read("both: contact.foresight.OFTEN=9, contact.cloth.layers.Layers.ROUNDS=8")
+    label, changes = study_rules.read("both: contact.step_start.OFTEN=9, contact.cloth.layers.Layers.ROUNDS=8")
     assert label == "both"
-    assert changes == [("contact.foresight", "OFTEN", 9), ("contact.cloth.layers.Layers", "ROUNDS", 8)]
-    with pytest.raises(SystemExit, match="has no OFFTEN of its own"), changed([("contact.foresight", "OFTEN", 9),
-                                                                              ("contact.foresight", "OFFTEN", 9)]):
+    assert changes == [("contact.step_start", "OFTEN", 9), ("contact.cloth.layers.Layers", "ROUNDS", 8)]
+    with pytest.raises(SystemExit, match="has no OFFTEN of its own"), changed([("contact.step_start", "OFTEN", 9),
+                                                                              ("contact.step_start", "OFFTEN", 9)]):
         pass
-    assert owner("contact.foresight").OFTEN != 9
+    assert owner("contact.step_start").OFTEN != 9
     with pytest.raises(SystemExit, match="no module or class contact.nothing"):
         owner("contact.nothing")
     x = np.array([[0.0, 0, 0], [1, 0, 0]])

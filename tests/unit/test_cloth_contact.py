@@ -16,13 +16,14 @@ from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.timing import Clock
 from taichi_cloth.contact import contact_force
 from taichi_cloth.contact.cloth import barrier as repulsion
-from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
+from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW
+from taichi_cloth.contact.cloth.contact_pairs import ContactPairs
 from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.cloth.untangle import Intersections
-from taichi_cloth.contact.foresight import Foresight
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
+from taichi_cloth.contact.step_start import Foresight
 from taichi_cloth.scene.intersections import self_crossings
 from taichi_cloth.step.nonlinear.layer_contact import LATER, LayerStep
 from taichi_cloth.system.state import ParticleState
@@ -212,7 +213,8 @@ def test_the_law_is_the_slope_of_its_potential_and_joins_smoothly():
     change = (at(d - e) - at(d + e)) / (2 * e)
     assert np.abs(change[2] - force).max() < 1e-4 * force.max()
     heights = np.interp([SHALLOW, 0.3, 0.5], [0, 1], [FLOOR * r, r])  # parts of the way from the floor
-    assert np.allclose(room(heights, np.full(3, r)), [SHALLOW, 0.3, 0.5])
+    pairs = dataclasses.replace(ContactPairs.none(), end=heights, radius=np.full(3, r))
+    assert np.allclose(pairs.room, [SHALLOW, 0.3, 0.5])
     inner = (d > SHALLOW * r) & (np.abs(d - np.array([[r], [SHALLOW * r], [heights[0]]])) > 1e-6).all(axis=0)
     assert np.abs(change[0] - slope)[inner].max() < 1e-4 * slope.max()
     assert (np.diff(force) <= 0).all()
@@ -287,7 +289,7 @@ def test_room_for_points_of_contact_grows(monkeypatch):
     """A run with room for a few at first is, bit for bit, one that has enough; without it, a step is refused by name."""
 
     def run(room: int, may_be: int) -> tuple[np.ndarray, int, list[int]]:
-        for name, value in (("ROOM", 0), ("SPARE", room), ("LAYERED", may_be)):
+        for name, value in (("ROOM", 0), ("SPARE", room), ("MOST", may_be)):
             monkeypatch.setattr(contact_force, name, value)
         with two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0), fabric=plain)[2] as sim:
             had = [sim.contacts.force.vertices.shape[0]]
@@ -499,7 +501,8 @@ def test_a_tangle_is_as_large_as_what_crosses_away_from_seams(crossings, sewn, f
     """Of 20 crossings without a sewn corner at most, it is led twice as firmly after a usual step. One edge crosses all."""
     knots = np.arange(99)
     knots[sewn] = 98
-    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), knots=knots)
+    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), knots=knots,
+                           around=lambda some: some)
     tangles = Intersections(99, mesh, "untangle")
     tangles.edges = np.tile([95, 96], (crossings, 1))
     tangles.rows = np.arange(crossings)

@@ -195,7 +195,7 @@ def test_a_twisted_sheet_gains_nothing(integrator, part):
 
 
 def test_slowing_down_keeps_momenta_and_what_is_held(rng):
-    from taichi_cloth.step.nonlinear.brake import Brake
+    from taichi_cloth.step.nonlinear.energy import Brake
 
     scene = tc.Scene(gravity=None)
     for shift in (0.0, 3.0):

@@ -6,17 +6,10 @@ continuous derivatives, convex, growing towards the floor. From just above the f
 solids gets to, it grows with -log d.
 """
 
-import numpy as np
-
 from ...backend.language import ti
 
 FLOOR = 0.2  # of a pair's distance
 SHALLOW = 0.02  # part of the height above the floor from which on downwards the force grows more slowly, and of r its end
-
-
-def room(d: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """(k,) height of distances d above the floor, over that of r; negative below the floor."""
-    return (d / r - FLOOR) / (1 - FLOOR)
 
 
 @ti.func

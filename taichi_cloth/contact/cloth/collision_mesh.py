@@ -85,6 +85,12 @@ class CollisionMesh:
         out[~faces] = np.concatenate([self.edges[i[~faces]], self.edges[j[~faces]]], axis=1)
         return out
 
+    def around(self, some: np.ndarray) -> np.ndarray:
+        """(n,) whether particles are among some (n,) or neighbours of these: of a face with one."""
+        out = some.copy()
+        out[self.faces[some[self.faces].any(axis=1)]] = True
+        return out
+
     @ti.func
     def can_meet(self, f, g):
         """Whether two faces are of cloths that meet."""

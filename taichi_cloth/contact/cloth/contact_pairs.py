@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..points import Points, rows_of, tangential
+from .barrier import FLOOR
 from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
 
 
@@ -38,6 +39,16 @@ class ContactPairs:
         """No pairs."""
         ids, nothing = np.zeros((0, 4), dtype=np.int64), np.zeros(0)
         return ContactPairs(ids[:, :3], ids, np.zeros((0, 4)), nothing, nothing, np.zeros((0, 3)), nothing, nothing)
+
+    @cached_property
+    def room(self) -> np.ndarray:
+        """(k,) height of the distance above the floor, over that of the distance to keep; negative below the floor."""
+        return (self.end / self.radius - FLOOR) / (1 - FLOOR)
+
+    @property
+    def stuck(self) -> np.ndarray:
+        """(k,) which pairs are as good as tangled: nearer than half of the floor."""
+        return self.end < FLOOR / 2 * self.radius
 
     @cached_property
     def key(self) -> np.ndarray:

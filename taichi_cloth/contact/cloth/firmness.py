@@ -7,7 +7,6 @@ with much room get softer again.
 import numpy as np
 
 from ...system.checkpoint import Checkpointed
-from .barrier import room
 from .contact_pairs import ContactPairs
 
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again
@@ -37,12 +36,12 @@ class Firmness(Checkpointed):
 
     def stiffen(self, p: ContactPairs) -> None:
         """Particles of pairs with little room left get stiffer within the attempt."""
-        self.more[np.unique(p.vertices[room(p.end, p.radius) < CLOSE])] *= STIFFER
+        self.more[np.unique(p.vertices[p.room < CLOSE])] *= STIFFER
 
     def commit(self, p: ContactPairs, share: float) -> None:
         """A step, so much of a usual one, was accepted and ended with those pairs."""
         part, boost = np.full(len(self.boost), np.inf), self.factors
-        np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
+        np.minimum.at(part, p.vertices, np.broadcast_to(p.room[:, None], p.vertices.shape))
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * boost, 1.0), boost))
         self.begin()

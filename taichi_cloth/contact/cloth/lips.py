@@ -12,8 +12,6 @@ from ...system.seams import connected
 from ...system.state import ParticleState
 from .collision_mesh import CollisionMesh
 
-RINGS = 2  # of neighbours round a crossing
-
 
 class Lips(Checkpointed):
     """The sides of a scene's stitches.
@@ -61,8 +59,8 @@ class Lips(Checkpointed):
         return True
 
     def grow(self, apart: np.ndarray) -> None:
-        """Particles are so far (n,) [m] from those they were sewn to. Sides that cross, from when they were in one place, are
-        one surface until they do not."""
+        """Particles are so far (n,) [m] from those they were sewn to. Sides that cross, from when they were in one place, and
+        their neighbours are one surface until they do not."""
         knots, most = self.mesh.knots, 2 * self.mesh.half_thickness
         faces = self.mesh.faces[self.short[self.mesh.faces].any(axis=1)]
         edges, rows = self_crossings(self.model.read_particles()[0], faces)
@@ -70,9 +68,7 @@ class Lips(Checkpointed):
         if len(rows):
             near: np.ndarray = np.zeros(self.model.n, dtype=bool)
             near[knots[edges]], near[knots[faces[rows]]] = True, True
-            for _ in range(RINGS):
-                near[knots[faces[near[knots[faces]].any(axis=1)]]] = True
-            self.grown = np.where(near[knots] & self.short, 0.0, self.grown)
+            self.grown = np.where(self.mesh.around(near[knots]) & self.short, 0.0, self.grown)
         self.mesh.set_grown(self.grown)
 
     def resumed(self) -> None:

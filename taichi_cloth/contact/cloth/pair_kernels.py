@@ -27,9 +27,8 @@ OWN, STIFF, BEGAN, NOW, POTENTIAL, MU, WEIGHED = range(7)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
 # [N s/m], and, from WAY on, the direction of the slip of a sliding pair, 0 for one that sticks
 FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
-# and as that led it: distance along its normal [m], size of friction [N], 1 where that pushes forwards, potentials of friction
-# and of the stop of approaches [J]
-GAP, RUBBED, BACK, RUB, STOPPED, LED = range(6)
+# and as that led it: distance along its normal [m], size of friction [N], 1 where that pushes forwards
+GAP, RUBBED, BACK, LED = range(4)
 
 
 @ti.data_oriented
@@ -115,8 +114,7 @@ class PairKernels:
 
     @ti.kernel
     def measure(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
-                radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(), turns: ti.types.ndarray(),
-                taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
+                turns: ti.types.ndarray(), taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
         """Pairs that a solve took, where the model now is."""
         for k in range(vertices.shape[0]):
             n, way = row_of(normals, k), ti.Vector([taken[WAY + c, k] for c in ti.static(range(3))])
@@ -126,13 +124,10 @@ class PairKernels:
                 i = vertices[k, a]
                 slip += n.dot(self.model.x[i] - self.model.x_saved[i]) / h * turn_of(turns, k, a)
             slip -= n.dot(slip) * n
-            speed, along, bears, gap = slip.norm(), slip.dot(way), taken[BEARS, k], n.dot(x)
-            out[GAP, k] = gap
-            out[RUBBED, k] = (bears * way + taken[DRAG, k] * (slip - along * way)).norm()
+            along = slip.dot(way)
+            out[GAP, k] = n.dot(x)
+            out[RUBBED, k] = (taken[BEARS, k] * way + taken[DRAG, k] * (slip - along * way)).norm()
             out[BACK, k] = ti.select(along < 0, 1.0, 0.0)
-            out[RUB, k] = h * bears * ti.select(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)
-            stop = STOP * weighed[OWN, k] * factor[k] / h**2
-            out[STOPPED, k] = stop * ti.max(limit(weighed[BEGAN, k], radius[k], h) - gap, 0.0) ** 2 / 2
 
     @ti.func
     def at(self, vertices: ti.template(), weights: ti.template(), k, rows: ti.template()):

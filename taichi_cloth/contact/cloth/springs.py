@@ -13,7 +13,6 @@ from .layers import Layers
 from .pair_kernels import PairKernels
 
 STRONG = 25.0  # times as stiff as repulsion where cloth begins to touch
-DAMPING = 1.0  # of a spring, over critical
 
 
 @ti.data_oriented
@@ -27,9 +26,9 @@ class SpringKernels(PairKernels):
 
     @ti.func
     def pull(self, d, radius, began, stiff, own, factor, h):
-        """(force [N] of a pair at a distance d, its slope [N/m] over the step, in which the damper adds to the spring)."""
+        """(force [N] of a pair at a distance d, its slope [N/m] over the step, in which a critical damper adds to it)."""
         spring = STRONG * stiff
-        return spring * ti.max(radius - d, 0.0), spring + 2 * DAMPING * ti.sqrt(spring * own) / h
+        return spring * ti.max(radius - d, 0.0), spring + 2 * ti.sqrt(spring * own) / h
 
 
 class Springs(Layers):

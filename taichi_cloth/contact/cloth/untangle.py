@@ -19,9 +19,7 @@ from ..step_start import StepStart
 from .collision_mesh import CollisionMesh
 from .contact_pairs import ContactPairs
 
-RINGS = 1  # of neighbours round a crossing that rest with it
-PULL = 1.0  # of a thickness that a crossing is moved in a usual step
-PULL_STIFF = 10.0  # stiffness of that over mass / h^2
+PULL = 10.0  # stiffness over mass / h^2 by which crossings are moved by a thickness in a usual step
 FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts
 FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew
 HOLDS = 128.0  # times as stiff pairs are led apart that have just come apart
@@ -143,17 +141,18 @@ class Intersections(Checkpointed):
         return out
 
     def _rest(self) -> None:
-        """Particles near a crossing rest, and so do those that were pinched."""
+        """Particles of a crossing rest, their neighbours, and those that were pinched.
+
+        With two rings of neighbours tangles grew. With none, what is well through meets the other side from the wrong side.
+        """
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True
         near[self.faces[self.rows].ravel()] = True
-        for _ in range(RINGS):
-            near[self.faces[near[self.faces].any(axis=1)].ravel()] = True
-        self.resting = near | (self.until > 0)
+        self.resting = self.mesh.around(near) | (self.until > 0)
         self.active = bool(self.resting.any())
 
     def release(self, particles: np.ndarray) -> None:
-        """Lets pairs of particles rest for a while."""
+        """Lets pairs of particles, by numbers or as a mask (n,), rest for a while."""
         self.until[particles] = RELEASED
         self.resting = self.resting | (self.until > 0)
         self.active = bool(self.resting.any())
@@ -176,8 +175,8 @@ class Intersections(Checkpointed):
         """Points that lead pairs further that have just come apart: on their way, by a thickness in a usual step."""
         vertices, weights, normal, radius = self.parting
         gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
-        step = np.clip(radius - gap, 0.0, PULL * radius * start.share)
-        stiff = np.where(step > 0, PULL_STIFF * HOLDS / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
+        step = np.clip(radius - gap, 0.0, radius * start.share)
+        stiff = np.where(step > 0, PULL * HOLDS / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
         return Points(vertices, weights, stiff[:, None] * sym_outer(normal),
                       (stiff * (step - gone) / start.c)[:, None] * normal)
 
@@ -196,10 +195,10 @@ class Intersections(Checkpointed):
                                    np.column_stack([face, face[:, 0]])])
         weights = np.concatenate([np.column_stack([1 - s, s, zero, zero]), np.column_stack([w, zero])])
         way = np.concatenate([way, -way])
-        step = 2 * PULL * np.tile(self.half[face[:, 0]], 2) * start.share
+        step = 2 * np.tile(self.half[face[:, 0]], 2) * start.share
         own = 1 / np.maximum((weights**2 / mass[vertices]).sum(axis=1), 1e-300)
         firm = np.tile(np.maximum(self.firm[self.edges].max(axis=1), self.firm[face].max(axis=1)), 2)
-        block = (PULL_STIFF * firm * own)[:, None] * sym_outer(way)
+        block = (PULL * firm * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
         rhs = sym_times(block, (step[:, None] * way - gone) / start.c)
         return Points(vertices, weights, block, rhs)

@@ -54,13 +54,9 @@ class BackwardEuler(Checkpointed):
             from ..nonlinear.solid_contact import SolidPolicy
 
             return SolidPolicy(*with_what)
-        if contacts.sprung:
-            from ..nonlinear.spring_contact import SpringPolicy
+        from ..nonlinear.layer_contact import LayerPolicy, SpringPolicy
 
-            return SpringPolicy(*with_what)
-        from ..nonlinear.layer_contact import LayerPolicy
-
-        return LayerPolicy(*with_what)
+        return (SpringPolicy if contacts.sprung else LayerPolicy)(*with_what)
 
     def reset(self) -> None:
         """The state was changed by hand: nothing is remembered."""

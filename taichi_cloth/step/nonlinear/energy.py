@@ -2,7 +2,8 @@
 
 Kinetic and potential energy must not grow by more than the work put in (`ledger`). Phi does not bound kinetic energy, and
 if E is not convex even its minimum may gain some. An excess that is left at the end, or is too small to be worth a
-further solve, is taken off the velocities (`brake`). If all of the cloth is led, no step could do better.
+further solve, is taken off the velocities (`Brake`): it is of second order in h, so that no smaller step is free of it. If
+all of the cloth is led, no step could do better.
 """
 
 import math
@@ -11,13 +12,15 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from ...scene.scene import Scene
 from ...system.assembler import Measures
 from ...system.held import Held
+from ...system.state import ParticleState
 from ..ledger import Ledger, Work, gained, one_stage
-from .brake import Brake
 from .system import System
 
 LIGHT = 0.01  # part of the velocity of deformation that is taken off rather than solved again
+MOST = 0.5  # the same where nothing is solved again
 PINCHED = 0.1  # part of all works by which these may be off in steps too small to be tried smaller
 PRESSED = 1e-3  # part of the energy of pressed layers by which that may be off there
 SLIGHT = 1e-6  # and anywhere: factors of pairs change from place to place and have no force
@@ -107,3 +110,46 @@ class EnergyTest:
         taken = self.meter.measure().rate
         stored = -float(np.sum(between * motion))
         return taken + stored, stored
+
+
+class Brake:
+    """Takes off the velocities of a model's cloths what energy a step would else have gained.
+
+    Velocities of deformation are reduced until the sum is right. The rigid motion of each cloth stays as it is, and so do held
+    directions, and the momenta of cloth that is free.
+    """
+
+    def __init__(self, model: ParticleState, scene: Scene) -> None:
+        self.model = model
+        self.cloth = np.repeat(np.arange(len(scene.cloths)), [c.mesh.vertex_count for c in scene.cloths])[model.user]
+
+    def take(self, energy: float, held: Held | None, most: float = MOST) -> bool:
+        """Slows the model down until its kinetic energy has fallen by `energy` [J]; False where that is too much."""
+        x, v = self.model.read_particles()
+        slower = self._deforming(x, v)
+        if held is not None:
+            slower[held.index] -= np.einsum("kij,kj->ki", held.projector, slower[held.index])
+        m = self.model.mass[:, None]
+        b, a = float(np.sum(m * v * slower)), float(np.sum(m * slower**2))
+        root = b * b - 2 * a * energy  # energy = part b - part^2 a/2
+        if not (b > 0 and root >= 0):
+            return False
+        part = 2 * energy / (b + math.sqrt(root))
+        if part > most:
+            return False
+        self.model.write_particles(x, v - part * slower)
+        return True
+
+    def _deforming(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(n, 3) velocities [m/s] without the rigid motion of each cloth."""
+        out, mass = v.copy(), self.model.mass
+        for k in np.unique(self.cloth):
+            mine = self.cloth == k
+            m, arm = mass[mine, None], x[mine]
+            arm = arm - np.sum(m * arm, axis=0) / np.sum(m)
+            own = v[mine] - np.sum(m * v[mine], axis=0) / np.sum(m)
+            turning = np.sum(m * np.cross(arm, own), axis=0)
+            inertia = np.sum(m * arm**2) * np.eye(3) - (m * arm).T @ arm
+            spin = np.linalg.pinv(inertia, rcond=1e-9) @ turning
+            out[mine] = own - np.cross(spin, arm)
+        return out

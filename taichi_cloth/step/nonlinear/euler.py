@@ -23,9 +23,8 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
 from ..ledger import STILL, Ledger
-from .brake import MOST
 from .effort import Changes, Effort, Forcing
-from .energy import LIGHT, EnergyTest
+from .energy import LIGHT, MOST, EnergyTest
 from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
 

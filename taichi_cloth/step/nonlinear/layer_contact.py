@@ -13,33 +13,24 @@ others of that step may leave LOOSER times `cg_tol`. None of this where somethin
 import math
 from dataclasses import replace
 
-import numpy as np
-
 from ...backend.timing import Clock
+from ...contact.cloth.layers import LATER
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
-from .brake import MOST
 from .effort import Effort
-from .energy import EnergyTest
+from .energy import MOST, EnergyTest
 from .euler import EulerStep
-from .newton import Outcome, minimize, phi
+from .newton import Outcome, minimize
 from .solid_contact import SolidPolicy, predict
 from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
-LATER = 3  # Newton steps after which contacts with solids that still change do so in the next step: with 2 and 6 the tube on a
-# dance four times as fast takes 63 and 67 steps for 62, three sheets that fall on a ball 167 and 201 solves for 168
 MANY = 0.1  # of the contacts with solids: where a Newton step changes more, others follow, and so in the next step
-BOLD = 4  # Newton steps before the potential has a say in how far they go
-MEMORY = 3  # of the last potentials one must not be passed
-TIMID = 0.2  # part of a Newton step below which it is not shortened for the potential's sake
-SMOOTH = 1e-3  # part of the repulsion's energy that is not worth a shorter step
 RETRIES = 10  # attempts at a small step, each without the pairs that kept the last from going all of its way
-NEARLY = 1e-7  # m that a held direction may be off its target
 
 
 class LayerStep(EulerStep):
@@ -61,8 +52,6 @@ class LayerStep(EulerStep):
         with clock.part("C-S"):
             predict(system, h, pins, together=True)
             system.start_over()
-        self.levels: list[float] = []  # Phi at the start of each Newton step
-        self.leads = True  # whether held directions were still on their way to their targets
         self.agrees = False  # whether contacts with solids do
         self.rough = self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered
         self.agreed = self.released = False
@@ -84,11 +73,7 @@ class LayerStep(EulerStep):
             return Outcome(APPROACH, f"{closing:.3g} m in one step", self.before)
         self.linear(k)
         unsolved = self.unsolved()
-        if unsolved is not None:
-            return replace(unsolved, measures=self.before)
-        self.levels.append(self.potential(self.before) if k else math.inf)
-        self.level = math.inf if k < BOLD or self.leads else max(self.levels[-MEMORY:])
-        return None
+        return unsolved and replace(unsolved, measures=self.before)
 
     def linear(self, k: int) -> None:
         """Linearization and solve, from where the model is."""
@@ -113,9 +98,6 @@ class LayerStep(EulerStep):
             self.reference = self.reference or system.solver.reference
             if system.base is not None and k == 0:
                 system.add_guess(1.0)
-        self.leads = k == 0
-        if z is not None and held is not None and len(z):
-            self.leads = bool(np.abs(np.einsum("kij,kj->ki", held.projector, z)).max() * h > NEARLY)
 
     def advance(self, k: int) -> float:
         """See `StepProblem`. States of contacts with solids are judged at the end of the whole Newton step."""
@@ -140,15 +122,8 @@ class LayerStep(EulerStep):
         return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `StepProblem`."""
-        if part < TIMID or self.level == math.inf:
-            return True
-        slack = SMOOTH * self.layers.energy + self.system.rounding(self.c, measures)
-        return self.potential(measures) <= self.level + slack
-
-    def potential(self, measures: Measures) -> float:
-        """Phi [J] with the terms of friction, pairs and layers."""
-        return phi(measures, self.c) + self.contacts.lagged(self.c)
+        """See `StepProblem`. A Newton step goes as far as nothing collides."""
+        return True
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
@@ -161,7 +136,7 @@ class LayerStep(EulerStep):
             settled = part == 1 and self.layers.settled() and (self.agrees or later)
             contacts.foresight.asked |= part < 1 or contacts.solids.unsettled > MANY * contacts.count
             self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
-            self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
+            self.released = not self.agreed and k > LATER and self.layers.release_beside(contacts.solids.holds())
         if self.released:
             return self.refuse(measures)
         early = k < self.layers.ROUNDS // 2
@@ -230,4 +205,25 @@ class LayerPolicy(SolidPolicy):
         if self.layers.intersections.active or self.layers.freed:
             with clock.part("C-S"):
                 self.layers.count_tangled(False)
+        return made
+
+
+class SpringPolicy(SolidPolicy):
+    """Steps with the springs of `contact.cloth.springs` among their forces: one solve, no further than nothing collides."""
+
+    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
+        """See `EulerPolicy`."""
+        contacts, made = self.system.contacts, super().attempt(h, pins, start, clock, solutions)
+        layers = contacts.layers
+        if made.rejection is None:
+            layers.record_forces()
+            part = layers.advance()
+            if part < 1:
+                if contacts.start.small:
+                    layers.release(contacts.start.smallest)
+                detail = f"cloth would pass through cloth, a collision-free step is {part:.2g} of it"
+                made = replace(made, rejection=CONTACT, detail=detail)
+            layers.look()
+        if layers.intersections.active:
+            layers.count_tangled()
         return made
