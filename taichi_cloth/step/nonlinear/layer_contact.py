@@ -10,7 +10,6 @@ likely to be its last. Its solve then need only say which pairs meet, and so nee
 others of that step may leave LOOSER times `cg_tol`. None of this where something is pinched or passes through itself.
 """
 
-import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
@@ -24,7 +23,8 @@ from .effort import Effort
 from .energy import MOST, EnergyTest
 from .euler import EulerStep
 from .newton import Outcome, minimize
-from .solid_contact import SolidPolicy, predict
+from .solid_contact import predict
+from .solved_contact import SolidPolicy
 from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
