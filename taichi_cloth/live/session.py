@@ -24,6 +24,7 @@ from .parameters import Parameter
 if TYPE_CHECKING:  # a page shows a scene as it was built before Taichi is imported
     from ..simulation import Simulation
     from .hand import Hand
+    from .shapes import Arrays
 
 IDLE = 0.5  # s that a paused session waits at a time: a wait without end would keep Ctrl-C from some systems
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
@@ -82,17 +83,18 @@ class Session:
 
     def begin(self, plays: bool = True) -> None:
         """Makes the simulation; before, shows the scene as it was built, which needs no compiled kernels."""
-        self._simulate(self.scene, None)
+        self._simulate(self.scene, self._built, None)
         if plays:
             self.play()
         self._look()
 
     def turn(self) -> None:
-        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits."""
-        calls = self.orders.take(min(self._ahead(), IDLE) if self.running else IDLE)
+        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits. Another simulation
+        is seen before its first step."""
+        calls, before = self.orders.take(min(self._ahead(), IDLE) if self.running else IDLE), self.sim
         for call in calls:
             self._try(call)
-        if self.running and self._ahead() <= 0:
+        if self.running and self.sim is before and self._ahead() <= 0:
             self._try(self._advance)
         if calls or (self.running and time.monotonic() - self._drawn >= PICTURE):
             self._look()
@@ -212,12 +214,13 @@ class Session:
         built = record.as_built(scene)
         moved = not anew and self._live.tally.steps > 0  # else its start is at hand, and needs no compiled kernels
         goes_on = moved and all(np.array_equal(built[name], self._built[name]) for name in SAME)
-        self._simulate(scene, self._live.checkpoint() if goes_on else None)
+        self._simulate(scene, built, self._live.checkpoint() if goes_on else None)
         self.settings = settings
 
-    def _simulate(self, scene: Scene, state: dict[str, np.ndarray] | None) -> None:
-        """A simulation of the scene in place of the one before, which stays where there can be none of it."""
-        built, before = record.as_built(scene), self.sim
+    def _simulate(self, scene: Scene, built: Arrays, state: Arrays | None) -> None:
+        """A simulation of the scene, as `record.as_built` has it, in place of the one before, which stays where there can be
+        none of it."""
+        before = self.sim
         if state is None and self.source.again:
             self.geometry, self.arrays, self.preview = built, _at_rest(built), True
             self.show(self)
