@@ -16,7 +16,7 @@ def kept(function: Callable[..., tuple[np.ndarray, ...]]) -> Callable[..., tuple
     @functools.wraps(function)
     def inner(*args: Any) -> tuple[np.ndarray, ...]:
         key = tuple((a.shape, a.dtype.str, a.tobytes()) if isinstance(a, np.ndarray) else a for a in args)
-        known[key] = known.pop(key, None) or function(*args)
+        known[key] = known.pop(key) if key in known else function(*args)
         if len(known) > MOST:
             del known[next(iter(known))]
         return tuple(array.copy() for array in known[key])

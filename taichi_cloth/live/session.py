@@ -89,8 +89,10 @@ class Session:
         self._look()
 
     def turn(self) -> None:
-        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits. Another simulation
-        is seen before its first step."""
+        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits.
+
+        Another simulation is seen before its first step.
+        """
         calls, before = self.orders.take(min(self._ahead(), IDLE) if self.running else IDLE), self.sim
         for call in calls:
             self._try(call)

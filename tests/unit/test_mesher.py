@@ -117,11 +117,11 @@ def test_a_panel_that_was_meshed_is_not_meshed_again(monkeypatch):
     delaunay = spatial.Delaunay
     monkeypatch.setattr(spatial, "Delaunay", lambda points: made.append(1) or delaunay(points))
     border = np.array([(0.0, 0.0), (0.7131, 0.0), (0.7131, 0.5), (0.0, 0.5)])
-    points, faces = mesh_polygon(border, 0.1131, "panel")
+    points, faces = mesher.mesh_polygon(border, 0.1131, "panel")
     assert made
     made.clear()
     points[:], before = 0, points.copy()
-    again = mesh_polygon(border.copy(), 0.1131, "panel")
+    again = mesher.mesh_polygon(border.copy(), 0.1131, "panel")
     assert not made and np.array_equal(again[0], before) and np.array_equal(again[1], faces)
-    others = mesh_polygon(border * [1.01, 1], 0.1131, "panel")
+    others = mesher.mesh_polygon(border * [1.01, 1], 0.1131, "panel")
     assert made and not np.array_equal(others[0], before)
