@@ -43,11 +43,13 @@ class Garment:
         seams: rows of vertices that are sewn to each other; given as (a, b, rest), and where they differ from 1 and None,
             stiffness and strength.
         positions: (n, 3) where a dressed garment is [m]; the mesh's own where it was not dressed.
+        fitted: whether `fitted` made it for a body.
     """
 
     mesh: TriMesh
     seams: tuple[SewnRows, ...]
     positions: np.ndarray = None  # type: ignore[assignment]
+    fitted: bool = False
 
     def __post_init__(self) -> None:
         checks.instance("garment: mesh", self.mesh, TriMesh)

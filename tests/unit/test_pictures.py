@@ -404,6 +404,26 @@ def test_smooth_cloth_keeps_to_its_side_without_any_force():
     assert not alone.layered.any() and alone.push[:n].any(axis=1).all()
 
 
+def test_smooth_cloth_keeps_off_the_floor_that_is_drawn_as_ground(rng):
+    """As in frame 0, where no force is recorded yet; cloth well above it is rounded as ever."""
+    mesh, scene = tc.grid(0.5, 8), tc.Scene()
+    x = mesh.x + [0, 0.2, 0] + np.abs(rng.normal(scale=2e-3, size=mesh.x.shape)) * [0, 1, 0] + [0, 0.004, 0]
+    for k, up in enumerate((0.0, 0.1)):
+        scene.add_cloth(mesh, tc.Fabric(0.2), x + [0, up, 0], name=f"cloth {k}")
+    scene.add_solid(tc.Plane(), 0.3, 0.004, position=(0, 0.2, 0))
+    scene.add_prop(tc.Plane(), position=(0, 0.25, 0))  # drawn, and no cloth meets it
+    geometry = record.as_built(scene)
+    both, n = geometry["x"], len(x)
+    push = nearby(geometry, {"x": both}, None).push
+    assert np.array_equal(push.any(axis=1), np.append(x[:, 1] < 0.206, np.zeros(n, dtype=bool))) and push[:n].any()
+    smooth = Smooth(geometry["faces"], 2 * n, 1)
+    fine, triangles, free = smooth.points(both, push), smooth.linear(both), smooth.points(both)
+    low = triangles[:, 1] < 0.2055
+    assert (fine >= triangles - 1e-12)[low, 1].all() and (free < triangles - 1e-5)[low, 1].any()
+    high = triangles[:, 1] > 0.29
+    assert (fine == free)[high].all()
+
+
 def test_a_pocket_is_a_layer_and_neighbours_are_none():
     """A flat garment with a pocket 2 mm over it, sewn at one edge, of triangles that are finer than its thickness or not."""
     for edge in (0.02, 0.002):
