@@ -444,6 +444,20 @@ def test_a_pocket_is_a_layer_and_neighbours_are_none():
         assert not nearby(geometry | {"x": apart, "sewn": sewn}, {"x": apart}, None).layered.any()
 
 
+def test_a_large_triangle_under_a_small_patch_is_near_it_and_so_is_all_that_is_sewn_there():
+    """No corner of the large one is near the patch. Sewn to a corner of it is a triangle that is near nothing."""
+    large, patch = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 1.0)]), tc.grid(0.1, 2)
+    small, far = patch.x - patch.x.mean(axis=0) + [0.3, 0.003, 0.3], np.array([(1, 0, 0), (2, 0, 0), (1, 0, -1.0)])
+    x = np.concatenate([large, far, small])
+    faces = np.concatenate([[[0, 1, 2], [3, 4, 5]], patch.faces + 6])
+    sewn = np.arange(len(x))
+    sewn[3] = 1
+    geometry = {"faces": faces, "cloth_start": np.array([0, 6, len(x)]), "sewn": sewn, "x": x,
+                "cloth_thickness": np.full(2, 0.003)}
+    layered = nearby(geometry, {"x": x}, None).layered
+    assert layered[[0, 1, 2, 3]].all() and not layered[[4, 5]].any() and layered[6:].all()
+
+
 def test_smooth_garments_have_no_gap_at_seams():
     faces = np.array([[0, 1, 2], [3, 5, 4]])  # two triangles side by side over the edge 1-2, sewn to 3-4... as vertices 3, 4
     sewn = np.array([0, 1, 2, 1, 2, 5])
