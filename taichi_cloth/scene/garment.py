@@ -59,6 +59,7 @@ class Garment:
         object.__setattr__(self, "seams", tuple(_seam(k, seam, n) for k, seam in enumerate(self.seams)))
         x = self.mesh.x if self.positions is None else self.positions
         object.__setattr__(self, "positions", checks.array("garment: positions", x, (n, 3), row="vertex"))
+        object.__setattr__(self, "fitted", checks.flag("garment: fitted", self.fitted))
 
     def __repr__(self) -> str:
         return f"<Garment of {self.mesh.vertex_count:,} vertices, {len(self.seams)} seams>"
