@@ -126,6 +126,7 @@ def serve(make: Callable[[], Source], title: str, host: str, port: int | None, o
 
         teller = Teller(title, link.tell, tells)
         session = Session(make(), teller)
+        session.watched = False  # until the page has a browser
         address = link.wait()
         teller(session)
         link.listen(session, teller)

@@ -122,6 +122,17 @@ def test_a_change_is_seen_before_the_next_step(session):
     assert session.running and seen[0] == (pytest.approx(t), 700.0)
 
 
+def test_nothing_but_the_first_step_is_made_before_somebody_looks(session):
+    session.watched = False
+    ask(session, session.play)
+    turns(session, 20)
+    assert session.running and session.sim.tally.steps == 1
+    module.time.now += 100.0  # it takes a browser long to start
+    session.ask("watch")
+    turns(session, 20)
+    assert 1 < session.sim.tally.steps <= 21 and session.sim.time < 21 * H
+
+
 def test_fabrics_with_and_without_damping_take_turns_and_no_kernel_is_compiled(session, monkeypatch):
     """Nor does cloth without damping move otherwise by the kernels of one with it."""
     ask(session, *[session.step] * 3)

@@ -281,7 +281,7 @@ def test_every_control_asks_for_what_it_says():
     assert type(asked[3][1][1]) is int and type(asked[4][1][1]) is float
     assert asked[7][0] == "blow" and asked[7][1][0].tolist() == [4.0, 0.0, 0.0]
     assert asked[8:] == [("color_by", ("bend",), "heat"), ("look", (), "look"), ("finish", (), "")]
-    assert {name for name, *_ in asked} | {"pause", "grab", "drag", "drop"} == set(ASKED)
+    assert {name for name, *_ in asked} | {"pause", "grab", "drag", "drop", "watch"} == set(ASKED)
     gui.clicked("by", LOOK)
     gui.clicked("cells", 5, client=None)  # the program's own change is no wish
     controls.show(seen(running=True, last="a step", costly="one\ntwo", heat=Scale(np.zeros((1, 1, 3)), "0 to 1 m")))
@@ -422,3 +422,18 @@ def test_ranges_of_the_scenes_are_possible():
     for scene in named:
         for p in parameters(scene.options, scene.ranges):
             assert p.range is None or p.range[0] <= p.value <= p.range[1], (scene.name, p)
+
+
+def test_a_page_tells_that_a_browser_is_there():
+    """The process of a page, with a server to which somebody comes at once."""
+    code = """
+import types
+from taichi_cloth.live import pages
+server = types.SimpleNamespace(get_port=lambda: 7, on_client_connect=lambda call: call("a client"))
+pages.started = lambda host, port: server
+pages.stop = lambda server: None
+pages.main("here", 7)
+"""
+    done = subprocess.run([sys.executable, "-c", code], stdin=subprocess.DEVNULL, capture_output=True, check=True)
+    said = io.BytesIO(done.stdout)
+    assert [pages.read(said) for _ in range(3)] == [("ask", "watch", (), "watch"), ("at", 7), None]
