@@ -245,6 +245,7 @@ MUTATIONS = (
      f"{PATTERNS}::test_dressing"),
     (STARTS, "            if count:\n", "            if False:\n", "panels that a body passes through are dressed",
      f"{PATTERNS}::test_a_body_through_a_panel_between_its_vertices_is_refused"),
+    (STARTS, "OUT if garment.fitted else FIT + OUT", "FIT + OUT", "a garment that was fitted is told to be fitted", PATTERNS),
     (STARTS, "found.depth - scan.thickness", "found.depth + scan.thickness", "depths in a body are said too large",
      f"{PATTERNS}::test_the_scene_refuses_panels_inside_the_body_as_dress_does"),
     (DRESSING, "for doubt in doubts_of_solid(solid)", "for doubt in ()", "bodies of 140 m are dressed",

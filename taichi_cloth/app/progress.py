@@ -12,7 +12,8 @@ from ..simulation import Simulation
 Show = Callable[[Simulation, int], None]
 BAR = 10  # letters wide
 BUILDING, UNKNOWN = "building kernels", "no estimate yet"
-FEW = 3  # frames that an estimate is made from, at least
+FEW, LATELY = 3, 3  # frames that an estimate is made from, at least; part of those so far, the last ones, by which it may rise
+EARLY = 5  # part of a run in which its estimate is said to be one of the rate so far: cloth that has not landed yet is quick
 LONG = 300.0  # s that a run is to take for a note on a quicker one
 PAUSE = 0.1  # s from one picture of a bar to the next, at least
 
@@ -49,7 +50,7 @@ def progress(frames: int, quicker: str = "") -> Iterator[Show]:
 
 
 class Left:
-    """Estimate of a run's remaining time, from its frames so far.
+    """Estimate of a run's remaining time, from its frames so far: by the mean of all, or of the last third where that is more.
 
     The first frame does not count, nor does the time of first launches of kernels. A frame that spent most of its time on
     these is reported as `BUILDING` instead. The first estimate of a long run comes with a note on how it is quicker.
@@ -57,7 +58,7 @@ class Left:
 
     def __init__(self, frames: int, quicker: str = "") -> None:
         self.frames, self.quicker = frames, quicker
-        self.first: tuple[int, float] | None = None  # frame, time [s], where counting began
+        self.ends: list[float] = []  # times of the frames that count, and of the one before them, without kernels [s]
         self.seen, self.last, self.built = 0, 0.0, 0.0  # calls; time, and time spent on kernels, at the last of them [s]
 
     def __call__(self, frame: int) -> str:
@@ -66,19 +67,25 @@ class Left:
         took, building = now - self.last, built - self.built
         self.last, self.built = now, built
         self.seen += 1
-        if self.seen == 2:
-            self.first = frame, now - built
+        if self.seen > 1:
+            self.ends.append(now - built)
         if frame >= self.frames:
             return ""
-        if self.first is not None and building > took / 2:
+        if self.ends and building > took / 2:
             return BUILDING
-        if self.first is None or frame < self.first[0] + FEW:
+        if len(self.ends) <= FEW:
             return UNKNOWN
-        seconds = (now - built - self.first[1]) / (frame - self.first[0]) * (self.frames - frame)
+        seconds = self._rate() * (self.frames - frame)
         if self.quicker and seconds > LONG:
             print(f"note: this run takes about {in_words(seconds)} more; {self.quicker}", file=sys.stderr, flush=True)
         self.quicker = ""
-        return f"about {in_words(seconds)} left"
+        return f"about {in_words(seconds)} left" + (" at this rate" if EARLY * frame < self.frames else "")
+
+    def _rate(self) -> float:
+        """Seconds a frame."""
+        count = len(self.ends) - 1
+        lately = max(FEW, count // LATELY)
+        return max((self.ends[-1] - self.ends[-1 - k]) / k for k in (count, lately))
 
 
 def in_words(seconds: float) -> str:

@@ -22,13 +22,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
+from ..scene.every import EVERY, known
 from .waiting import waiting
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
-EVERY = ("fabric", "wind")  # options that every scene has; they change the scene after it was built
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class SceneFile:
     def _typed(self, name: str, value: object):
         if name not in self.options:
             if name in EVERY:
-                return _known(name, value)
+                return known(name, value)
             raise SceneError(f"scene {self.name} has no option {name!r}; {did_you_mean(name, (*self.options, *EVERY))}")
         kind = type(self.options[name].default)
         if not isinstance(value, str) or kind is str:
@@ -129,18 +129,6 @@ class SceneFile:
         except (KeyError, ValueError):
             needs = f"{len(self.options[name].default)} numbers, as in 0,-.1,2" if kind is tuple else _article(kind)
             raise SceneError(f"scene {self.name}: option {name}={value!r} needs {needs}") from None
-
-
-def _known(name: str, value: object) -> object:
-    """The value of an option that every scene has, refused before the scene is built where it is no such word."""
-    from ..scene.air import Air
-    from ..scene.fabrics import as_fabric
-
-    if name == "fabric" and value != "":
-        as_fabric(name, value)
-    elif value != "":
-        Air(1.0, wind=value)  # type: ignore[arg-type]
-    return value
 
 
 def said(error: Exception, file: str) -> str:

@@ -4,7 +4,8 @@ import inspect
 import re
 from collections.abc import Callable
 
-from .scenefile import EVERY, SceneFile, plain
+from ..scene.every import EVERY
+from .scenefile import SceneFile, plain
 
 ARGUMENT = re.compile(r" {4}(\w+): (.*)")
 OF_ALL = {"fabric": "of all cloths: a name that `taichi-cloth fabrics` prints; empty: the scene's own",

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from ..scene.every import EVERY
 from . import scenefile
 from .flags import number_of
 
@@ -36,7 +37,7 @@ class FromFile:
     @property
     def __signature__(self) -> inspect.Signature:
         own = inspect.signature(self.file.build)
-        more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in scenefile.EVERY
+        more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in EVERY
                 if name not in own.parameters]
         any_name = [p for p in own.parameters.values() if p.kind is p.VAR_KEYWORD]
         return own.replace(parameters=[*(p for p in own.parameters.values() if p not in any_name), *more, *any_name])
@@ -117,7 +118,7 @@ def grid_of(items: list[str], scene: scenefile.SceneFile) -> dict[str, list]:
         if name in grid:
             raise SceneError(f"--set {name}: twice; all its values go with commas after one: --set {name}=a,b")
         values = [value for value in text.split(",") if value]
-        if name in scene.options or name in scenefile.EVERY:
+        if name in scene.options or name in EVERY:
             grid[name] = [scene.typed({name: value})[name] for value in values]
         elif name in BY_NAME:
             grid[name] = [_option(name, value) for value in values]

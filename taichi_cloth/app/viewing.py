@@ -4,8 +4,9 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 
+from ..scene.every import EVERY
 from .runoptions import RunOptions
-from .scenefile import EVERY, SceneFile, path_of
+from .scenefile import SceneFile, path_of
 
 
 def add_parser(commands, simulation_flags: Callable[[argparse.ArgumentParser], None]) -> None:
@@ -44,7 +45,7 @@ def _source(args: argparse.Namespace, scene: SceneFile, options: RunOptions):
 
     given = scene.typed({**(scene.small if args.small else {}), **options.settings})
     said = meanings_in(scene)
-    shown = [*parameters(scene.options, scene.ranges, given), *(Parameter(name, str(given.get(name, ""))) for name in EVERY
-                                                               if name not in scene.options)]
+    shown = [*parameters(scene.options, scene.ranges, given),
+             *(Parameter(name, str(given.get(name, "")), every=True) for name in EVERY if name not in scene.options)]
     return Made(lambda changed: scene.make({**given, **changed}), Options.named(options.simulation),
                 tuple(replace(p, meaning=said.get(p.name, "")) for p in shown))

@@ -26,7 +26,7 @@ class Bend(HingeLaw):
     """Hinges of fabrics and of seams, with damping, friction and creases."""
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
-        self.model, self.exact = model, mode == "paper"
+        self.model, self.exact, self.damps = model, mode == "paper", scene.damped
         bent = [c for c in scene.cloths if any(f.bend and f.bend.model == "hinge" for f in c.fabrics)]
         names = {c.name for c in bent}
         seams = [(s, seam_hinges(s.cloth.mesh, s.a, s.b)) for s in scene.seams if s.cloth.name in names and s.stiffness > 0]

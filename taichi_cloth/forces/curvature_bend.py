@@ -31,7 +31,7 @@ class CurvatureBend(CurvatureLaw):
     """Bending of fabrics by curvatures, with damping, friction and creases."""
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
-        self.model = model
+        self.model, self.damps = model, scene.damped
         patches, faces, factors, parts, own = [], [], [], [], []
         for cloth in scene.cloths:
             bend = cloth.fabric.bend

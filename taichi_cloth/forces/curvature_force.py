@@ -24,13 +24,14 @@ class CurvatureForce(ElementForce):
 
     Attributes:
         model: the particles; elements: the patches; weight: (m, 3 width) weights of x_uu, x_uv and x_vv.
-        damps: whether any patch is damped.
+        damps: whether any patch is damped, or may be.
         remembers: whether `hysteresis` adds a part that turns with the triangle's frame, see `curvature_hysteresis`.
         A: (m, 3) factors of -c D - c^2 K; way: (m, 9) directions of damping, times the roots of their factors.
     """
 
     energies, multirate = ("bend",), True
     model: ParticleState
+    damps: bool = False
     remembers: bool = False
     hysteresis: Any = None
     A: Any
@@ -50,7 +51,7 @@ class CurvatureForce(ElementForce):
         self.elements = Elements(fields, self.model.blocks, corners)
         self.weight = fields.real(self.elements.count, 3 * self.width, self.elements.per_entry(
             B.reshape(-1, 3 * self.width)))
-        self.damps = bool(k_d.any())
+        self.damps |= bool(k_d.any())
         sizes = (np.abs(np.einsum("kma,km,kmb->kab", B, each, B)) for each in (stiff, k_d))
         self.rates = tuple(float(row_sums(corners, s, self.model.mass).max()) for s in sizes)
         self.host_corners, self.host_weight = corners, B  # a triangle each

@@ -23,11 +23,12 @@ class HingeForce(Force):
 
     Attributes:
         elements: the hinges; rest: (m, 4) k [N m], k_d [N m s], theta_0, and the least squared normal [m^4].
-        damps: whether any hinge is damped; exact: whether K is.
+        damps: whether any hinge is damped, or may be; exact: whether K is.
     """
 
     energies, multirate = ("bend",), True
     model: ParticleState
+    damps: bool = False
     exact: bool
     g: Any
     hessian: Any
@@ -42,7 +43,7 @@ class HingeForce(Force):
         self.elements, self._fields = Elements(fields, self.model.blocks, vertices), fields
         self.host_stiff = stiff
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for h in parts])
-        self.damps = bool(rest[:, 1].any())
+        self.damps |= bool(rest[:, 1].any())
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for h in parts])
         self._unit_energy = float(np.sum(stiff[:, 0] / heights2) / 2)

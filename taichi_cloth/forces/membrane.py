@@ -83,7 +83,7 @@ class Membrane(MembraneLanes):
         self.simd_scratch = fields.scratch(APART * model.blocks.count, 6 * self.simd_width)
         self.stretches = bool(table[:, [K_U, K_V]].any())
         self.shears = bool(table[:, K_S].any())
-        self.damps = bool(table[:, [D_U, D_V, D_S]].any())
+        self.damps = scene.damped or bool(table[:, [D_U, D_V, D_S]].any())
         self.energies = (("stretch_u", "stretch_v") if self.stretches else ()) + (("shear",) if self.shears else ())
         self._begin(fields, float(np.sum(area * stiffest[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2))
 

@@ -26,7 +26,7 @@ class TriangleLaw(TriangleForce):
 
     Attributes:
         area: (m,) of triangles in the pattern [m^2].
-        damps: whether any triangle is damped.
+        damps: whether any triangle is damped, or may be.
         simd_width: elements whose forces a CPU thread takes together; above 1 there is add_forces(block, e, f) for so many.
         used: (e, w_u, w_v) gives the largest strain over its limit, 1 at a limit, where the law `stiffens_sharply`.
         mode: K of the conditions.

@@ -59,7 +59,7 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
     if turn is None and not figure.faces:
         notes.append("the body has no feet that say which way it faces: if it is turned round, give the turn yourself")
     hung, moved = hung_clear(made, body, thickness)
-    return hung, (*notes, *moved)
+    return replace(hung, fitted=True), (*notes, *moved)
 
 
 def _measured(garment: Garment, body: Scene, parts: Sequence[str]) -> tuple[Figure, float, float]:

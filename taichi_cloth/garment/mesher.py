@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import MeshError
 from ..scene.boxes import near
+from .kept import kept
 
 CLEAR = 0.62  # of the spacing that lattice points keep from the border
 SMOOTHED = 12  # passes
@@ -45,6 +46,7 @@ def refuse_too_many(what: str, spacing: float, area: float, border: float, corne
                     f"take {math.ceil(least / step) * step:.2g} m or more")
 
 
+@kept
 def mesh_polygon(border: np.ndarray, spacing: float, name: str, inside: np.ndarray = NO_POINTS,
                  lines: np.ndarray = NO_LINES) -> tuple[np.ndarray, np.ndarray]:
     """(points (n, 2), triangles (m, 3) that go round to the left); the first points are the border's, in its order, and then

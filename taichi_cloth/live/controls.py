@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ClothError
+from ..scene.every import known
 from .counting import Counting
 from .orders import named
 from .parameters import Parameter
@@ -92,15 +94,23 @@ class Controls:
             made = gui.add_number(p.name, p.value, hint=hint)
         else:
             made = gui.add_slider(p.name, *p.range, p.step, p.value, hint=hint)
-        self._when(made.on_update, lambda: ("set", p.name, type(p.value)(made.value)), f"set {p.name}")
+        self._when(made.on_update, lambda: ("set", p.name, type(p.value)(made.value)), f"set {p.name}",
+                   known if p.every else None)
 
-    def _when(self, register: Callable, wish: Callable[[], tuple], key: str = "") -> None:
-        """A person's change is asked for; one that the program made is not."""
+    def _when(self, register: Callable, wish: Callable[[], tuple], key: str = "", check: Callable | None = None) -> None:
+        """A person's change is asked for, unless a check refuses it; one that the program made is not."""
 
         async def changed(event: Any) -> None:  # in the server's own thread, where events keep their order
             if event.client is not None:
                 name, *values = wish()
-                if said := named(name, tuple(values)):
+                said = named(name, tuple(values))
+                try:
+                    if check is not None:
+                        check(*values)
+                except ClothError as error:  # here, as the session may be building kernels
+                    self._tell(f"{said}: not possible: {error}")
+                    return
+                if said:
                     self._tell(f"{said} ...")
                 self.ask(name, tuple(values), key)
 

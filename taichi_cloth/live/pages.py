@@ -29,6 +29,7 @@ def main(host: str, port: int) -> None:
             write(out, message)
 
     server, page = started(host, port), None
+    server.on_client_connect(lambda client: tell("ask", "watch", (), "watch"))
     tell("at", server.get_port())
     while (message := read(sys.stdin.buffer)) is not None:
         if isinstance(message, Opening):

@@ -23,12 +23,14 @@ class Parameter:
         value: where it begins; its type is the parameter's: bool, int, float or str.
         range: (low, high) of a slider; None where nothing says how far it goes.
         meaning: with its unit, in a line that is shown beside it.
+        every: whether it is one of `scene.every.EVERY`, whose words are known before a scene is built.
     """
 
     name: str
     value: bool | int | float | str
     range: tuple[float, float] | None = None
     meaning: str = ""
+    every: bool = False
 
     @property
     def step(self) -> float:

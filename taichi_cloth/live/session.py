@@ -24,11 +24,12 @@ from .parameters import Parameter
 if TYPE_CHECKING:  # a page shows a scene as it was built before Taichi is imported
     from ..simulation import Simulation
     from .hand import Hand
+    from .shapes import Arrays
 
 IDLE = 0.5  # s that a paused session waits at a time: a wait without end would keep Ctrl-C from some systems
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
-ASKED = ("play", "pause", "step", "reset", "set", "blow", "color_by", "look", "grab", "drag", "drop", "finish")
-ASIDE = ("look", "drag", "drop")  # orders that keep the message of the last trouble
+ASKED = ("play", "pause", "step", "reset", "set", "blow", "color_by", "look", "grab", "drag", "drop", "watch", "finish")
+ASIDE = ("look", "drag", "drop", "watch")  # orders that keep the message of the last trouble
 SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # arrays as built that a run needs to go on
 
 
@@ -58,6 +59,7 @@ class Session:
 
     Attributes:
         running: whether step follows step; over: whether it is to end.
+        watched: whether anybody looks. Before, there is one step at most, which loads kernels: who looks sees the beginning.
         trouble: the last error, in a line; "" if there is none.
         changes: of parameters and wind, how many were asked for and dealt with; change: the last in words, "" before.
         geometry, arrays: the view, as `record` has it; preview: whether it is the scene as built, before there is a
@@ -69,7 +71,7 @@ class Session:
     def __init__(self, source: Source, show: Callable[[Session], object]) -> None:
         self.source, self.show, self.orders = source, show, Orders()
         self.settings: dict[str, object] = {p.name: p.value for p in source.parameters}
-        self.running, self.over, self.preview = False, False, True
+        self.running, self.over, self.preview, self.watched = False, False, True, True
         self.trouble = self.heat = self.change = ""
         self.changes = 0
         self.sim: Simulation | None = None
@@ -82,17 +84,20 @@ class Session:
 
     def begin(self, plays: bool = True) -> None:
         """Makes the simulation; before, shows the scene as it was built, which needs no compiled kernels."""
-        self._simulate(self.scene, None)
+        self._simulate(self.scene, self._built, None)
         if plays:
             self.play()
         self._look()
 
     def turn(self) -> None:
-        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits."""
-        calls = self.orders.take(min(self._ahead(), IDLE) if self.running else IDLE)
+        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits.
+
+        Another simulation is seen before its first step.
+        """
+        calls, before = self.orders.take(min(self._ahead(), IDLE) if self._goes_on else IDLE), self.sim
         for call in calls:
             self._try(call)
-        if self.running and self._ahead() <= 0:
+        if self._goes_on and self.sim is before and self._ahead() <= 0:
             self._try(self._advance)
         if calls or (self.running and time.monotonic() - self._drawn >= PICTURE):
             self._look()
@@ -173,6 +178,12 @@ class Session:
     def look(self) -> None:
         """Nothing: after any order there is something to be seen."""
 
+    def watch(self) -> None:
+        """Somebody looks from now on."""
+        self.watched = True
+        if self.running:
+            self.play()
+
     def finish(self) -> None:
         """The session is to end."""
         self.over = True
@@ -183,6 +194,11 @@ class Session:
     def _live(self) -> Simulation:
         assert self.sim is not None, "begin() comes first"
         return self.sim
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether a step is to be made as soon as it is time for one."""
+        return self.running and (self.watched or not self._live.tally.steps)
 
     @contextlib.contextmanager
     def _telling(self, change: str) -> Iterator[None]:
@@ -212,12 +228,13 @@ class Session:
         built = record.as_built(scene)
         moved = not anew and self._live.tally.steps > 0  # else its start is at hand, and needs no compiled kernels
         goes_on = moved and all(np.array_equal(built[name], self._built[name]) for name in SAME)
-        self._simulate(scene, self._live.checkpoint() if goes_on else None)
+        self._simulate(scene, built, self._live.checkpoint() if goes_on else None)
         self.settings = settings
 
-    def _simulate(self, scene: Scene, state: dict[str, np.ndarray] | None) -> None:
-        """A simulation of the scene in place of the one before, which stays where there can be none of it."""
-        built, before = record.as_built(scene), self.sim
+    def _simulate(self, scene: Scene, built: Arrays, state: Arrays | None) -> None:
+        """A simulation of the scene, as `record.as_built` has it, in place of the one before, which stays where there can be
+        none of it."""
+        before = self.sim
         if state is None and self.source.again:
             self.geometry, self.arrays, self.preview = built, _at_rest(built), True
             self.show(self)

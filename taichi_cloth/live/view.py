@@ -33,16 +33,19 @@ class Made:
                  ) -> None:
         self.make, self.parameters = make, parameters
         self.options = replace(options, log=KEPT) if options.log == Options().log else options
+        self._damped = False  # whether any of its scenes so far was
 
     def scene(self, settings: dict[str, object]) -> Scene:
         """See `Source`."""
         return self.make(settings)
 
     def simulation(self, scene: Scene) -> Simulation:
-        """See `Source`; it can be pulled at."""
+        """See `Source`; it can be pulled at. Once a fabric is damped, those without damping have the same kernels."""
         from ..simulation import Simulation
         from .hand import pullable
 
+        self._damped |= any(fabric.damped for cloth in scene.cloths for fabric in cloth.fabrics)
+        scene.damped |= self._damped
         with pullable(scene):
             return Simulation(scene, options=self.options)
 
@@ -123,6 +126,7 @@ def serve(make: Callable[[], Source], title: str, host: str, port: int | None, o
 
         teller = Teller(title, link.tell, tells)
         session = Session(make(), teller)
+        session.watched = False  # until the page has a browser
         address = link.wait()
         teller(session)
         link.listen(session, teller)

@@ -28,6 +28,10 @@ def nearby(geometry: Frame, frame: Frame, push: np.ndarray | None) -> Nearby:
     """
     x, n = frame["x"].astype(np.float64), len(geometry["x"])
     out = np.zeros((n, 3)) if push is None else push
+    if "ground_solid" in geometry:
+        height, thick = geometry["ground_solid"]
+        low = (x[:, 1] - height < NEAR * thick) & ~out.any(axis=1)
+        out = np.where(low[:, None], [0.0, 1.0, 0.0], out)
     thickness = geometry.get("solid_thickness", np.zeros(0))
     if len(thickness):
         at, faces = frame.get("solid_x", geometry["solid_x"]).astype(np.float64), geometry["solid_faces"]

@@ -14,12 +14,13 @@ from ..output.movie import encoder, write_mp4
 from ..output.picture import Artist, contact_sheet
 from ..output.png import encode_apng, encode_png
 from ..output.recording import Recording
-from ..output.text import draw_text
+from ..output.text import draw_text, text_width
 from .drawing import frames_of
 from .playback import apart_in_all, distances, rms_of, same_times, spread, weights
 
 FILMS = (".mp4", ".apng")
 STRIP = 20  # pixels under a picture, for its time in letters of scale 1
+TIMES = ("t = {:.3f} s", "{:.3f} s", "{:.3f}")  # under a column, the longest for which it is wide enough
 ROWS = 12  # of the table that is printed; the file has all
 
 
@@ -129,13 +130,25 @@ def _scale(width: int) -> int:
 
 
 def _above(image: np.ndarray, times: list[float]) -> np.ndarray:
-    """A picture (h, w, c) above a strip with a time [s] under each of its columns."""
+    """A picture (h, w, c) above a strip with a time [s] under each of its columns, or every few where they are narrow."""
     width = image.shape[1] // len(times)
     scale = _scale(width)
     strip = np.full((STRIP * scale, *image.shape[1:]), np.iinfo(image.dtype).max, dtype=image.dtype)
-    for column, t in enumerate(times):
-        draw_text(strip, f"t = {t:.3f} s", column * width + 10 * scale, 5 * scale, scale)
+    said, each = _fitting(times, width, scale)
+    for column in range(0, len(times) - each + 1, each):
+        room = each * width - text_width(said[column], scale)
+        draw_text(strip, said[column], column * width + max(0, min(10 * scale, room // 2)), 5 * scale, scale)
     return np.concatenate([image, strip])
+
+
+def _fitting(times: list[float], width: int, scale: int) -> tuple[list[str], int]:
+    """(times in words, columns to a time): as long as columns so wide [pixels] let them be."""
+    for form in TIMES:
+        said = [form.format(t) for t in times]
+        longest = max(text_width(text, scale) for text in said)
+        if longest <= width:
+            return said, 1
+    return said, min(-(-longest // width), len(times))
 
 
 def files_at(to: pathlib.Path | None, run: pathlib.Path, movie: bool) -> tuple[pathlib.Path, pathlib.Path | None]:

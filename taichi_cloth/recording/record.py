@@ -46,8 +46,8 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
     and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN if left to the renderer), groups of faces, and the
     arrays of `described.of_appearances`. The same for solids (`solid_*`, without those drawn as ground;
-    `solid_thickness` 0 if nothing touches it). The view, as
-    `described.of_view` gives it.
+    `solid_thickness` 0 if nothing touches it); `ground_solid`, height and thickness [m] of the highest of those that cloth
+    touches. The view, as `described.of_view` gives it.
     """
     cloths, solids = scene.cloths, drawn_solids(scene)
     surfaces = [s.shape.surface() for s in solids]
@@ -73,8 +73,15 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "solid_colors": _concatenate([np.array([s.color or (np.nan,) * 3]) for s in solids], (0, 3)),
         "solid_thickness": np.array([s.thickness if isinstance(s, Solid) else 0.0 for s in solids]),
         "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
+        **_ground_solid(scene),
         **described.of_view(scene.view, ground),
     }
+
+
+def _ground_solid(scene: Scene) -> dict[str, np.ndarray]:
+    """`ground_solid` (2,) [m], where there is one."""
+    planes = [(float(s.pose(0.0)[1][1]), s.thickness) for s in scene.solids if is_ground(s)]
+    return {"ground_solid": np.array(max(planes))} if planes else {}
 
 
 def _image_uv(cloths: list[Cloth]) -> dict[str, np.ndarray]:

@@ -43,6 +43,7 @@ class Contents:
         self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
         self.masses: list[tuple[Cloth, np.ndarray, np.ndarray]] = []
         self.forces: list[Callable] = []
+        self.damped = False  # whether kernels have damping where no fabric has: one that has is then no reason to compile
         self.seams: list[Seam] = []
         self.hung: list[tuple[Cloth, Garment]] = []  # garments whose panels are apart at the start, to be sewn as it runs
         self.creases: list[Crease] = []

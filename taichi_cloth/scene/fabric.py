@@ -206,6 +206,12 @@ class Fabric:
         for name, kind in (("stretch", Stretch), ("shear", Shear), ("bend", Bend)):
             checks.maybe(getattr(self, name), checks.instance, f"fabric {name}", kind)
 
+    @property
+    def damped(self) -> bool:
+        """Whether any of its conditions is."""
+        parts = [part.k_d for part in (self.stretch, self.shear, self.bend) if part is not None]
+        return any(max(pair(k_d)) > 0 for k_d in parts)
+
     def elastic(self, rest: Pair) -> "Fabric":
         """The fabric as an elastic band that is sewn on stretched: its rest stretch b, along warp and weft.
 

@@ -43,11 +43,13 @@ class Garment:
         seams: rows of vertices that are sewn to each other; given as (a, b, rest), and where they differ from 1 and None,
             stiffness and strength.
         positions: (n, 3) where a dressed garment is [m]; the mesh's own where it was not dressed.
+        fitted: whether `fitted` made it for a body.
     """
 
     mesh: TriMesh
     seams: tuple[SewnRows, ...]
     positions: np.ndarray = None  # type: ignore[assignment]
+    fitted: bool = False
 
     def __post_init__(self) -> None:
         checks.instance("garment: mesh", self.mesh, TriMesh)
@@ -57,6 +59,7 @@ class Garment:
         object.__setattr__(self, "seams", tuple(_seam(k, seam, n) for k, seam in enumerate(self.seams)))
         x = self.mesh.x if self.positions is None else self.positions
         object.__setattr__(self, "positions", checks.array("garment: positions", x, (n, 3), row="vertex"))
+        object.__setattr__(self, "fitted", checks.flag("garment: fitted", self.fitted))
 
     def __repr__(self) -> str:
         return f"<Garment of {self.mesh.vertex_count:,} vertices, {len(self.seams)} seams>"

@@ -223,15 +223,14 @@ def _positive(shape: object, word: str, name: str) -> None:
 
 def _revolve(profile: list[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
     """A profile of (radius, height), from below, turned about y; poles are rings of one point each."""
-    angle = np.linspace(0, 2 * math.pi, ROUND, endpoint=False)
-    x = np.array([[r * math.cos(a), y, -r * math.sin(a)] for r, y in profile for a in angle])
-    faces = []
-    for k, (low, high) in enumerate(zip(profile[:-1], profile[1:])):
-        for i in range(ROUND):
-            j = (i + 1) % ROUND
-            a, b, c, d = k * ROUND + i, k * ROUND + j, (k + 1) * ROUND + j, (k + 1) * ROUND + i
-            faces += ([[a, b, c]] if low[0] > 1e-12 else []) + ([[a, c, d]] if high[0] > 1e-12 else [])
-    return x, np.array(faces)
+    circle = np.array([(math.cos(a), 1.0, -math.sin(a)) for a in np.linspace(0, 2 * math.pi, ROUND, endpoint=False)])
+    x = (np.array([(r, y, r) for r, y in profile])[:, None] * circle).reshape(-1, 3)
+    i = np.arange(ROUND)
+    j = (i + 1) % ROUND
+    faces = np.array([np.stack([k + i, k + j, k + j + ROUND, k + i, k + j + ROUND, k + i + ROUND], axis=1).reshape(ROUND, 2, 3)
+                      for k in ROUND * np.arange(len(profile) - 1)])
+    ends = np.array([(low[0] > 1e-12, high[0] > 1e-12) for low, high in zip(profile[:-1], profile[1:])])
+    return x, faces[np.broadcast_to(ends[:, None], faces.shape[:3])]
 
 
 def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

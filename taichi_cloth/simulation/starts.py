@@ -12,9 +12,9 @@ from ..scene.intersections import count_crossings
 from ..scene.solids import Solid, SolidMesh
 from ..system.state import ParticleState
 
-OUT = ("fit a pattern that is drawn for the shipped figure to the body (--fit of `dress`, tc.fitted), hang the panels further "
-       "out (Garment.moved), or turn and move the garment to where the body stands (Garment.placed; turn and shift of `dress` "
-       "and of the scene dress_up)")
+FIT = "fit a pattern that is drawn for the shipped figure to the body (--fit of `dress`, tc.fitted), "
+OUT = ("hang the panels further out (Garment.moved), or turn and move the garment to where the body stands (Garment.placed; "
+       "turn and shift of `dress` and of the scene dress_up)")
 
 
 def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, scan: Scanner,
@@ -37,15 +37,20 @@ def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, s
             solid = solids[int(found.solid[mine][0])].name
             raise SceneError(f"{cloth.name}: {len(np.unique(vertex[mine]))} vertices start inside the body, the first of them "
                              f"of {garment.panel_of(int(vertex[mine][0]))!r} in {solid!r}, at most {1e3 * deep:.3g} mm deep: "
-                             f"{OUT}")
+                             f"{_way(garment)}")
 
 
 def refuse_through(hung: Iterable[tuple[Cloth, Garment]], solids: Iterable[Solid]) -> None:
     """Refuses garments that a solid's mesh passes through between their vertices."""
     meshes = [(s.name, s.surface_at(0.0), s.shape.faces) for s in solids if isinstance(s.shape, SolidMesh)]
-    for cloth, _ in hung:
+    for cloth, garment in hung:
         for name, x, faces in meshes:
             count = count_crossings(cloth.positions, cloth.mesh.faces, x, faces)
             if count:
                 raise SceneError(f"{cloth.name}: panels pass through {name!r}, in {count} pairs of an edge and a triangle: "
-                                 f"{OUT}")
+                                 f"{_way(garment)}")
+
+
+def _way(garment: Garment) -> str:
+    """How a garment comes out of the body: not by fitting one that was fitted."""
+    return OUT if garment.fitted else FIT + OUT

@@ -74,12 +74,17 @@ def test_each_part_says_how_far_it_moves():
     ((0.5, 1.7, 0.3), None, False, False),  # stands
     ((67.0, 15.0, 15.0), None, True, False), ((17.0, 67.0, 12.0), None, True, False),  # inches, or centimetres
     ((0.5, 6.7, 0.3), None, True, False), ((0.1, 0.17, 0.1), None, True, False),
-    ((0.5, 0.3, 1.7), None, False, True), ((0.5, 0.3, 1.7), "y", False, False), ((20.0, 12.0, 67.0), None, True, True)])
+    ((0.5, 0.3, 1.7), None, False, True), ((0.5, 0.3, 1.7), "y", False, False), ((20.0, 12.0, 67.0), None, True, True),
+    ((0.5, 1.0, 1.7), None, False, False)])  # it sits
 def test_a_figure_too_long_or_lying_is_told_with_the_way_out(size, up, scale, lies):
     x, faces = tc.Box(size, 0.0).surface()
     said = " ".join(looking.doubts(SolidMesh(np.stack([x, x + [0.1, 0, 0]]), faces, 24.0), up))
     assert ("tc.load_solid(path, scale=" in said and "`--scale`" in said) == scale
     assert ('tc.load_solid(path, up="z")' in said and "`--up z`" in said) == lies
+
+
+def test_what_stands_still_need_not_be_as_long_as_a_person():
+    assert looking.doubts(SolidMesh(*tc.Box((0.5, 6.7, 0.3), 0.0).surface())) == []
 
 
 def test_clips_are_told_by_name_frames_and_length():

@@ -2,6 +2,7 @@
 
 import builtins
 import io
+import itertools
 import re
 import sys
 from types import SimpleNamespace
@@ -57,7 +58,8 @@ def test_elsewhere_there_are_lines(capsys, monkeypatch):
         for frame in range(41):
             show(sim, frame)
     lines = capsys.readouterr().err.splitlines()
-    left = [", no estimate yet", *(f", about {0.5 * (40 - k):.0f} s left" for k in range(4, 40, 4)), ""]
+    left = [", no estimate yet", *(f", about {0.5 * (40 - k):.0f} s left{' at this rate' * (k < 8)}" for k in range(4, 40, 4)),
+            ""]
     assert lines == [f"frame {k}/40  0.500 s simulated{more}, 2 steps tried again, step 10 ms, 3 iterations"
                      for k, more in zip(range(0, 41, 4), left)]
 
@@ -72,8 +74,20 @@ def test_frames_whose_kernels_are_built_say_so_and_do_not_count(monkeypatch):
     for frame in range(7):
         watch.seconds = next(built)
         said.append(left(frame))
-    assert said == ["no estimate yet", "building kernels", "no estimate yet", "building kernels", "about 48 s left",
-                    "about 48 s left", "building kernels"]
+    assert said == ["no estimate yet", "building kernels", "no estimate yet", "building kernels",
+                    *["about 48 s left at this rate"] * 2, "building kernels"]
+
+
+def test_frames_that_become_dearer_count_as_the_last_of_them(monkeypatch):
+    """Cloth falls for ten frames of 1 s, and lies on something in those after it, of 4 s; then it rests."""
+    costs = [1.0] * 10 + [4.0] * 12 + [0.5] * 60
+    clock = itertools.accumulate(costs, initial=0.0)
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(clock))
+    left = Left(100)
+    said = [left(frame) for frame in range(80)]
+    assert said[8] == "about 92 s left at this rate" and said[20] == f"about {in_words(4.0 * 80)} left"
+    mean = (9 * 1.0 + 12 * 4.0 + 39 * 0.5) / 60  # of all but the first
+    assert said[61] == f"about {in_words(mean * 39)} left"
 
 
 @pytest.mark.parametrize("each, quicker, told", [(4.0, "--small is", True), (2.0, "--small is", False), (4.0, "", False)])

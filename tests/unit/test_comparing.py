@@ -60,6 +60,20 @@ def test_times_are_under_the_columns():
     assert (clear[8:, :, 3] == 65535).all() and (clear[:8] == 0).all()
 
 
+@pytest.mark.parametrize("width, first, count", [(90, "t = 0.500 s", 3), (66, "t = 0.500 s", 3), (60, "0.500 s", 3),
+                                                 (40, "0.500", 3), (20, "0.500", 1), (5, "0.500", 1)])
+def test_times_under_narrow_columns_are_shorter_or_fewer_and_never_over_each_other(monkeypatch, width, first, count):
+    from taichi_cloth.recording import comparing
+
+    drawn = []
+    monkeypatch.setattr(comparing, "draw_text", lambda strip, text, column, row, scale: drawn.append(
+        (text, column, column + 6 * scale * len(text) - scale)))  # letters of 5 dots, and one between them
+    _above(np.zeros((8, 3 * width, 3), dtype=np.uint8), [0.5, 1.25, 2.0])
+    assert len(drawn) == count and drawn[0][0] == first and drawn[0][1] >= 0
+    assert all(end < after for (_, _, end), (_, after, _) in zip(drawn, drawn[1:]))
+    assert width == 5 or drawn[-1][2] <= 3 * width
+
+
 def test_runs_of_other_cloths_whose_frames_do_not_match_are_not_told_of_common_times(tmp_path):
     with pytest.raises(OutputError, match="the runs are of other cloths.*draws each by itself") as error:
         Pair(run(tmp_path / "a", 4), run(tmp_path / "b", 5, n=5))

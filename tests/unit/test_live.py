@@ -4,6 +4,7 @@ import types
 
 import numpy as np
 import pytest
+from test_second_simulation import Compiled
 
 import taichi_cloth as tc
 from taichi_cloth.errors import SimulationError
@@ -21,13 +22,15 @@ from taichi_cloth.options import Options
 
 pytestmark = pytest.mark.slow  # the first of them compiles
 DENSITY, H = 0.2, 1 / 60
-PARAMETERS = (Parameter("cells", 4), Parameter("k", 300.0), Parameter("wind", 0.0))
+PARAMETERS = (Parameter("cells", 4), Parameter("k", 300.0), Parameter("wind", 0.0), Parameter("damping", 0.3))
 
 
 def build(settings: dict) -> tc.Scene:
     """A sheet that hangs from two corners, in air."""
     scene = tc.Scene(air=tc.Air(0.5, wind=(settings["wind"], 0, 0)))
-    cloth = scene.add_cloth(tc.grid(0.5, settings["cells"]), tc.Fabric(DENSITY, tc.Stretch(settings["k"], 0.3), tc.Shear(30)))
+    stretch, shear = tc.Stretch(settings["k"], settings["damping"]), tc.Shear(30, settings["damping"] / 10)
+    bend = tc.Bend(1e-5, settings["damping"] / 1e6)
+    cloth = scene.add_cloth(tc.grid(0.5, settings["cells"]), tc.Fabric(DENSITY, stretch, shear, bend))
     scene.pin(cloth, ["top_left", "top_right"])
     return scene
 
@@ -108,6 +111,39 @@ def test_another_stiffness_goes_on_with_the_cloth_as_it_is(session):
     assert session.seen == [(False, 25)] and session.trouble == "" and not was.is_open
     ask(session, session.step)
     assert session.sim.time == pytest.approx(t + H)
+
+
+def test_a_change_is_seen_before_the_next_step(session):
+    ask(session, session.step, session.play)
+    turns(session, 20)
+    t, seen = session.sim.time, []
+    session.show = lambda s: seen.append((float(s.arrays["t"]), s.sim.scene.cloths[0].fabric.stretch.k))
+    ask(session, lambda: session.set("k", 700.0))
+    assert session.running and seen[0] == (pytest.approx(t), 700.0)
+
+
+def test_nothing_but_the_first_step_is_made_before_somebody_looks(session):
+    session.watched = False
+    ask(session, session.play)
+    turns(session, 20)
+    assert session.running and session.sim.tally.steps == 1
+    module.time.now += 100.0  # it takes a browser long to start
+    session.ask("watch")
+    turns(session, 20)
+    assert 1 < session.sim.tally.steps <= 21 and session.sim.time < 21 * H
+
+
+def test_fabrics_with_and_without_damping_take_turns_and_no_kernel_is_compiled(session, monkeypatch):
+    """Nor does cloth without damping move otherwise by the kernels of one with it."""
+    ask(session, *[session.step] * 3)
+    compiled = Compiled(monkeypatch)
+    for damping, k in ((0.0, 500.0), (0.2, 400.0), (0.0, 300.0)):
+        ask(session, lambda d=damping: session.set("damping", d), lambda k=k: session.set("k", k), session.step)
+        assert session.trouble == "" and not compiled.new()
+    ask(session, session.reset, *[session.step] * 5)
+    with tc.Simulation(build(session.settings), h=H) as alone:
+        alone.run(5 * H, 1 / H)
+        assert np.allclose(session.sim.positions(), alone.positions(), atol=1e-12)
 
 
 def test_before_the_first_step_another_fabric_is_shown_at_once(session, monkeypatch):
@@ -227,7 +263,7 @@ def test_a_step_that_fails_pauses(session, monkeypatch):
 
 
 def test_a_given_simulation_goes_on_from_where_it_is_and_stays_open():
-    with tc.Simulation(build({"cells": 4, "k": 300.0, "wind": 0.0}), h=H) as sim:
+    with tc.Simulation(build({p.name: p.value for p in PARAMETERS}), h=H) as sim:
         sim.step()
         seen = []
         session = Session(Given(sim), lambda s: seen.append((s.preview, float(s.arrays["t"]))))

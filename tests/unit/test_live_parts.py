@@ -1,5 +1,6 @@
 """Parts of a live page that need neither a simulation nor viser: parameters, orders, ports, winds, pieces, controls."""
 
+import dataclasses
 import inspect
 import io
 import itertools
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app import scenefile
 from taichi_cloth.live import counting, pages, server
 from taichi_cloth.live.controls import BUILDING, LOOK, Controls
 from taichi_cloth.live.hand import pullable
@@ -128,6 +130,7 @@ def test_the_page_of_any_scene_takes_a_fabric_and_a_wind(monkeypatch):
     assert main(["view", "hang", "--set", "cells=3", "--set", "wind=gale", "--no-open"]) == 0
     source = given[0]
     values = {p.name: p.value for p in source.parameters}
+    assert [p.name for p in source.parameters if p.every] == ["fabric", "wind"]
     assert values["cells"] == 3 and (values["fabric"], values["wind"]) == ("", "gale")
     said = {p.name: p.meaning for p in source.parameters}
     assert all(said.values()) and "[m]" in said["size"]
@@ -278,7 +281,7 @@ def test_every_control_asks_for_what_it_says():
     assert type(asked[3][1][1]) is int and type(asked[4][1][1]) is float
     assert asked[7][0] == "blow" and asked[7][1][0].tolist() == [4.0, 0.0, 0.0]
     assert asked[8:] == [("color_by", ("bend",), "heat"), ("look", (), "look"), ("finish", (), "")]
-    assert {name for name, *_ in asked} | {"pause", "grab", "drag", "drop"} == set(ASKED)
+    assert {name for name, *_ in asked} | {"pause", "grab", "drag", "drop", "watch"} == set(ASKED)
     gui.clicked("by", LOOK)
     gui.clicked("cells", 5, client=None)  # the program's own change is no wish
     controls.show(seen(running=True, last="a step", costly="one\ntwo", heat=Scale(np.zeros((1, 1, 3)), "0 to 1 m")))
@@ -305,6 +308,25 @@ def test_a_change_is_told_before_the_session_answers():
     assert controls.change.content == "wind added: 0, 2.5, 0 m/s ..."
     gui.clicked("edges", True)
     assert controls.change.content == "wind added: 0, 2.5, 0 m/s ...", "a look is seen by itself"
+
+
+def test_a_wrong_word_is_told_without_the_session_and_a_right_one_asked_for():
+    """The session may be building kernels for half a minute. The page has the command line's own message."""
+    gui, asked = Gui(), []
+    of_all = [Parameter(name, "", every=True) for name in ("fabric", "wind")]
+    own = dataclasses.replace(opened(airy=True), parameters=(*of_all, Parameter("clip", "")))
+    controls = Controls(gui, own, lambda *wish: asked.append(wish[1]))
+    for name, wrong, right in (("fabric", "denmi", "denim"), ("wind", "breze -z", "breeze -z")):
+        with pytest.raises(tc.SceneError) as told:
+            scenefile.read("hang").typed({name: wrong})
+        gui.clicked(name, wrong)
+        assert controls.change.content == f"{name}: {wrong}: not possible: {told.value}" and not asked
+        gui.clicked(name, right)
+        assert controls.change.content == f"{name}: {right} ..." and asked == [(name, right)]
+        gui.clicked(name, "")
+        assert asked.pop() == (name, "") and asked.pop()
+    gui.clicked("clip", "denmi")  # a word of the scene's own
+    assert asked == [("clip", "denmi")]
 
 
 def test_seconds_count_while_kernels_are_built(monkeypatch):
@@ -400,3 +422,18 @@ def test_ranges_of_the_scenes_are_possible():
     for scene in named:
         for p in parameters(scene.options, scene.ranges):
             assert p.range is None or p.range[0] <= p.value <= p.range[1], (scene.name, p)
+
+
+def test_a_page_tells_that_a_browser_is_there():
+    """The process of a page, with a server to which somebody comes at once."""
+    code = """
+import types
+from taichi_cloth.live import pages
+server = types.SimpleNamespace(get_port=lambda: 7, on_client_connect=lambda call: call("a client"))
+pages.started = lambda host, port: server
+pages.stop = lambda server: None
+pages.main("here", 7)
+"""
+    done = subprocess.run([sys.executable, "-c", code], stdin=subprocess.DEVNULL, capture_output=True, check=True)
+    said = io.BytesIO(done.stdout)
+    assert [pages.read(said) for _ in range(3)] == [("ask", "watch", (), "watch"), ("at", 7), None]

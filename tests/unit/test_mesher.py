@@ -107,3 +107,21 @@ def test_outlines_without_area_are_refused():
         edges = tuple(tc.Curve(k, (k + 1) % len(corners)) for k in range(len(corners)))
         with pytest.raises(tc.SceneError, match="'flat': its border encloses no area"):
             tc.Panel("flat", np.array(corners), edges)
+
+
+def test_a_panel_that_was_meshed_is_not_meshed_again(monkeypatch):
+    """A scene that is built again with another fabric has the same panels; whoever changes what he got changes no other's."""
+    from scipy import spatial
+
+    made: list[int] = []
+    delaunay = spatial.Delaunay
+    monkeypatch.setattr(spatial, "Delaunay", lambda points: made.append(1) or delaunay(points))
+    border = np.array([(0.0, 0.0), (0.7131, 0.0), (0.7131, 0.5), (0.0, 0.5)])
+    points, faces = mesher.mesh_polygon(border, 0.1131, "panel")
+    assert made
+    made.clear()
+    points[:], before = 0, points.copy()
+    again = mesher.mesh_polygon(border.copy(), 0.1131, "panel")
+    assert not made and np.array_equal(again[0], before) and np.array_equal(again[1], faces)
+    others = mesher.mesh_polygon(border * [1.01, 1], 0.1131, "panel")
+    assert made and not np.array_equal(others[0], before)

@@ -195,6 +195,10 @@ def test_the_scene_refuses_panels_inside_the_body_as_dress_does(tmp_path, capsys
     with pytest.raises(tc.SceneError) as refused:
         tc.dress(made.hung[0][1], "denim", body)
     assert str(refused.value) in said
+    fitted, _ = tc.fitted(made.hung[0][1], body, 0.003)
+    with pytest.raises(tc.SceneError, match="deep: hang the panels") as refused:  # by hand, after it was fitted
+        tc.dress(fitted.placed(0.0, (0, 0, -0.2)), "denim", body)
+    assert "fit a pattern" not in str(refused.value)
 
 
 @pytest.mark.slow

@@ -404,6 +404,26 @@ def test_smooth_cloth_keeps_to_its_side_without_any_force():
     assert not alone.layered.any() and alone.push[:n].any(axis=1).all()
 
 
+def test_smooth_cloth_keeps_off_the_floor_that_is_drawn_as_ground(rng):
+    """As in frame 0, where no force is recorded yet; cloth well above it is rounded as ever."""
+    mesh, scene = tc.grid(0.5, 8), tc.Scene()
+    x = mesh.x + [0, 0.2, 0] + np.abs(rng.normal(scale=2e-3, size=mesh.x.shape)) * [0, 1, 0] + [0, 0.004, 0]
+    for k, up in enumerate((0.0, 0.1)):
+        scene.add_cloth(mesh, tc.Fabric(0.2), x + [0, up, 0], name=f"cloth {k}")
+    scene.add_solid(tc.Plane(), 0.3, 0.004, position=(0, 0.2, 0))
+    scene.add_prop(tc.Plane(), position=(0, 0.25, 0))  # drawn, and no cloth meets it
+    geometry = record.as_built(scene)
+    both, n = geometry["x"], len(x)
+    push = nearby(geometry, {"x": both}, None).push
+    assert np.array_equal(push.any(axis=1), np.append(x[:, 1] < 0.206, np.zeros(n, dtype=bool))) and push[:n].any()
+    smooth = Smooth(geometry["faces"], 2 * n, 1)
+    fine, triangles, free = smooth.points(both, push), smooth.linear(both), smooth.points(both)
+    low = triangles[:, 1] < 0.2055
+    assert (fine >= triangles - 1e-12)[low, 1].all() and (free < triangles - 1e-5)[low, 1].any()
+    high = triangles[:, 1] > 0.29
+    assert (fine == free)[high].all()
+
+
 def test_a_pocket_is_a_layer_and_neighbours_are_none():
     """A flat garment with a pocket 2 mm over it, sewn at one edge, of triangles that are finer than its thickness or not."""
     for edge in (0.02, 0.002):
@@ -422,6 +442,20 @@ def test_a_pocket_is_a_layer_and_neighbours_are_none():
         sewn = np.arange(2 * n)
         sewn[n + np.flatnonzero(x[:, 2] == x[:, 2].min())] = rim
         assert not nearby(geometry | {"x": apart, "sewn": sewn}, {"x": apart}, None).layered.any()
+
+
+def test_a_large_triangle_under_a_small_patch_is_near_it_and_so_is_all_that_is_sewn_there():
+    """No corner of the large one is near the patch. Sewn to a corner of it is a triangle that is near nothing."""
+    large, patch = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 1.0)]), tc.grid(0.1, 2)
+    small, far = patch.x - patch.x.mean(axis=0) + [0.3, 0.003, 0.3], np.array([(1, 0, 0), (2, 0, 0), (1, 0, -1.0)])
+    x = np.concatenate([large, far, small])
+    faces = np.concatenate([[[0, 1, 2], [3, 4, 5]], patch.faces + 6])
+    sewn = np.arange(len(x))
+    sewn[3] = 1
+    geometry = {"faces": faces, "cloth_start": np.array([0, 6, len(x)]), "sewn": sewn, "x": x,
+                "cloth_thickness": np.full(2, 0.003)}
+    layered = nearby(geometry, {"x": x}, None).layered
+    assert layered[[0, 1, 2, 3]].all() and not layered[[4, 5]].any() and layered[6:].all()
 
 
 def test_smooth_garments_have_no_gap_at_seams():

@@ -9,6 +9,7 @@ import taichi_cloth as tc
 from taichi_cloth.app import cli
 from taichi_cloth.errors import did_you_mean
 from taichi_cloth.scene.blending import air_between, fabric_between
+from taichi_cloth.scene.fliers import fliers
 from taichi_cloth.scene.winds import WINDS, flat_from, lifted
 
 FULL = tc.Fabric(0.2, tc.Stretch((800, 600), (0.8, 0.6), limit=1.2), tc.Shear(200, 0.2),
@@ -82,6 +83,15 @@ def test_cloth_that_flies_flat_is_told(tmp_path, fabric, wind, normal, flies):
         flat = 0.104 * 9.81 * np.tan(np.radians(80)) / normal if normal else 3.1  # m/s
         assert told[0].startswith(f"shirting flies flat from {flat:.1f} m/s on, and this wind has 6.5")
         assert ("gusts" in told[0]) == wind.startswith("gusty")
+
+
+def test_each_cloth_that_flies_flat_is_named_unless_the_wind_changes():
+    """Of two cloths the second flies; where the wind is a function of time nobody says for how long."""
+    for wind, told in (((6.5, 0, 0), ["light"]), (lambda t: (6.5, 0, 0), [])):
+        scene = tc.Scene(air=tc.Air(drag=1.2, lift=0.8, wind=wind))
+        for name, density in (("heavy", 2.0), ("light", 0.1)):
+            scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(density), name=name)
+        assert [sentence.split("'")[1] for sentence in fliers(scene)] == told
 
 
 def test_panels_keep_their_fabric_unless_they_are_meant_too():

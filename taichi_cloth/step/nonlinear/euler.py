@@ -42,7 +42,8 @@ class EulerStep(StepProblem):
         effort: how far Newton's method goes on; None: no further than the first solve's energy asks for.
 
     Attributes:
-        touches: whether contact is part of it; bearable: part of the energy that may then be unaccounted for; least_gravity: [m/s^2] in the fall that its lost energy is compared with.
+        touches: whether contact is part of it; bearable: part of its energy that may then be unaccounted for; least_gravity:
+            [m/s^2] in the fall that its lost energy is compared with.
     """
 
     touches = False

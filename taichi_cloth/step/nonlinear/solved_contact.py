@@ -5,9 +5,9 @@ the step's energy is accounted for, and forces and contacts are in balance at it
 of it: the cloth's forces, and by one rule the forces, sticking and sliding of contacts (`contact.solid.balance`). Each solve
 begins where the last one ended. A step that is not solved by then is tried smaller.
 
-Balance is within `contact_tol` of all forces; by default within all of them, which tells a step that has come near its solution
-from one that has not begun to. A linearized step of an impact, or round an edge, is off by 5 to 50 times as much, a solved
-one by a thousandth; what is left between is noise of stiff directions, which hardly moves anything.
+Balance is within `contact_tol` of all forces, by default within `BALANCED` of them. A linearized step of an impact, or round an
+edge, is off by 5 to 500 times as much as all forces that act: stiff directions answer a turn of the cloth. Part of them is the
+least that acts in any state of the step, since a state far off has forces of any size.
 
 Tried and left out:
 - a line search on the potential with friction and depths (as many solves, more evaluations);
@@ -31,12 +31,12 @@ from .euler import EulerPolicy
 from .newton import Outcome, minimize
 from .solid_contact import SolidStep, forces_at_end
 
-BALANCED = 1.0  # part of all that acts by which forces may be off balance at the end of a step, without `contact_tol`. With none,
-# this and .3 the strip goes over a rounded edge by .095, .112, .113 m (law .120), and `sphere_drape` takes 481, 426, 472 solves
-ACCOUNTED = 0.02  # part of a step's energy, or of what a step of free fall gains, that may be unaccounted for. With .2, .05 and
-# this .22, .07, .02 of a sheet's energy are as it lands on a table, .15, .03, .01 J in `sphere_drape`
-FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. A sheet on a ball, .7 s, to .01: with
-# 4, 8, 16 581, 641, 656 solves and .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
+BALANCED = 0.3  # part of all that acts by which forces may be off balance at the end of a step, without `contact_tol`. With 1,
+# this and .1 a towel slides .023, .062, .063 m (law .057), and a sheet on a ball (30 cells, 1 s) takes 449, 470, 651 solves
+ACCOUNTED = 0.05  # part of a step's energy, or of what a step of free fall gains, that may be unaccounted for. With .02, this and
+# .1 it is 1, 4, 7 % of what moves as a sheet lands on a table; 518, 470, 440 solves for the sheet on a ball
+FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. A sheet on a ball, .7 s, to .01:
+# with 4, 8, 16 581, 641, 656 solves and .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
 OTHERS = 1e-2  # relative residual of solves that go on from where the first one ended
 
 
@@ -48,6 +48,7 @@ class SolvedStep(SolidStep):
         found: assessment of the state; residual: as last judged, out of balance by no more than `enough` where the step is
             solved.
         lacks: (n, 3) impulses [N s] that the state lacks; taken: contact forces of the last solve.
+        acting: least [N s] that acts in any state of the step.
         pairs: of edges that want another solve.
     """
 
@@ -90,8 +91,8 @@ class SolvedStep(SolidStep):
         with self.clock.part("EVAL"):
             system.linearize(self.c, over=self.over)
         with self.clock.part("CG"):
-            z = system.to_go(self.held, self.c)
-            self.solutions.append(system.solve(system.options.cg_tol or OTHERS, self.held, self.c, z, again=True, lasting=True))
+            tolerance, z = system.options.cg_tol or OTHERS, system.to_go(self.held, self.c)
+            self.solutions.append(system.solve(tolerance, self.held, self.c, z, again=True, lasting=True))
         return self.unsolved()
 
     def advance(self, k: int) -> float:
@@ -164,8 +165,8 @@ class SolvedStep(SolidStep):
             return super().give_up(measures)
         ended = self.end(measures) if self.pairs and self.off <= self.enough else None
         r = self.residual
-        return ended or Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * r.off:.2g} % of all forces out of balance, most "
-                                f"at particle {r.worst}, {r.changed} contacts change", measures)
+        return ended or Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * self.off:.2g} % of all forces out of balance, most at "
+                                f"particle {r.worst}, {r.changed} contacts change", measures)
 
     def end(self, measures: Measures) -> Outcome | None:
         """The step's end, if its energy is accounted for, and nothing is too deep inside solids, or through."""
