@@ -40,6 +40,10 @@ class BackwardEuler(Checkpointed):
         self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
         self.dv = system.solver.dv  # of the last solve, from which contacts predict the next step
         self.policy = self._policy()
+        if self.contacts is not None and options.contact_tol is not None:
+            from ..nonlinear.solved_contact import SolvedStep
+
+            self.policy.solved = SolvedStep  # type: ignore[attr-defined]
 
     def _policy(self) -> EulerPolicy:
         """The policy that makes the problems of a step."""
@@ -47,7 +51,7 @@ class BackwardEuler(Checkpointed):
         if contacts is None:
             return EulerPolicy(*with_what)
         if contacts.layers is None:
-            from ..nonlinear.solved_contact import SolidPolicy
+            from ..nonlinear.solid_contact import SolidPolicy
 
             return SolidPolicy(*with_what)
         from ..nonlinear.layer_contact import LayerPolicy, SpringPolicy

@@ -23,8 +23,7 @@ from .effort import Effort
 from .energy import MOST, EnergyTest
 from .euler import EulerStep
 from .newton import Outcome, minimize
-from .solid_contact import predict
-from .solved_contact import SolidPolicy
+from .solid_contact import SolidPolicy, predict
 from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less

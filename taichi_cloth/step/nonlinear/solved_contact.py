@@ -1,13 +1,12 @@
-"""The problem of a backward Euler step in contact with solids, and when it is solved.
+"""The problem of a backward Euler step in contact with solids, solved to `contact_tol`.
 
-The first Newton step is (18) with the contacts that agree with it [BW98 §5, §6], see `solid_contact`. It ends the step where
-the step's energy is accounted for, and forces and contacts are in balance at its end. Else Newton's method goes on with all
-of it: the cloth's forces, and by one rule the forces, sticking and sliding of contacts (`contact.solid.balance`). Each solve
-begins where the last one ended. A step that is not solved by then is tried smaller.
+Newton's method on all of it: the cloth's forces, and by one rule the forces, sticking and sliding of contacts
+(`contact.solid.balance`). The first solve is (18) [BW98 §5, §6] with the contacts that the step before ended with, and those
+that are predicted. It ends the step where that leaves forces and contacts in balance, within `contact_tol` of all that acts.
+Else Newton's method goes on, each solve from where the last one ended. A step that is not solved by then is tried smaller.
 
-Balance is within `contact_tol` of all forces, by default within `BALANCED` of them. A linearized step of an impact, or round
-an edge, is off by 5 to 500 times as much as all forces that act: stiff directions answer a turn of the cloth. All forces are
-the least that act in any state of the step, since a state far off has forces of any size.
+Differs from `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step. The
+balance is that of the step's end, not of its linearization. Energy is a last guard only.
 
 Tried and left out:
 - a line search on the potential with friction and depths (as many solves, more evaluations);
@@ -16,193 +15,163 @@ Tried and left out:
 - states by the forces that balance needs instead of those of the last solve (they never settle).
 """
 
-import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
-from ...contact.solid.balance import Found
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
-from ..attempt import CONTACT, NEWTON
-from ..ledger import Ledger
-from .energy import LIGHT, MOST
-from .euler import EulerPolicy
-from .newton import Outcome, minimize
-from .solid_contact import SolidStep, forces_at_end
+from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
+from .effort import Changes, Effort
+from .energy import MOST, EnergyTest
+from .newton import Outcome, StepProblem
+from .solid_contact import forces_at_end, predict
+from .system import System
 
-BALANCED = 0.3  # part of all that acts by which forces may be off balance at the end of a step, without `contact_tol`. With
-# 1, this and .1 a towel slides .023, .062, .063 m (law .057), and a sheet on a ball (30 cells, 1 s) takes 449, 470, 651 solves
-ACCOUNTED = 0.05  # part of a step's energy, or of what a step of free fall gains, that may be unaccounted for. With .02 and
-# this 1 and 4 % of what moves are as a sheet lands on a table; the sheet on a ball takes 518, 470 solves, with .2 and no bound
-# on balance 356
-FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. Sheet on a ball, .7 s, to .01:
-# with 4, 8, 16 581, 641, 656 solves, .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
-OTHERS = 1e-2  # relative residual of solves that go on from where the first one ended
+FIRST, OTHERS = 1e-3, 1e-2  # relative residuals of solves: of (18), and of those that go on from where it ended
 
 
-class SolvedStep(SolidStep):
+class SolvedStep(StepProblem):
     """`held` are the pins at first, then the constraints of the last solve.
 
     Attributes:
-        whole: whether further Newton steps take contacts anew: not where nothing is touched, or solids leave no room.
-        found: assessment of the state; residual: as last judged, out of balance by no more than `enough` where the step is
-            solved.
+        balance: of forces and contacts; found: its assessment of the state; residual: as last judged, out of balance by no
+            more than `enough` where the step is solved.
         lacks: (n, 3) impulses [N s] that the state lacks; taken: contact forces of the last solve.
-        acting: least [N s] that acts in any state of the step.
+        over: span [s] over which damping is an energy; 0 where the step starts from a base.
         pairs: of edges that want another solve.
     """
 
-    bearable = ACCOUNTED
+    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
+                 clock: Clock, solutions: list[Solution]) -> None:
+        super().__init__(system, h, held, start, clock, solutions)
+        self.energy, self.effort, self.start, self.contacts = energy, effort, start, system.contacts
+        self.enough = system.options.contact_tol or 0.0
+        self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
+        with clock.part("C-S"):
+            predict(system, h, held, together=False)
+            self.balance = self.contacts.balance
 
-    def __init__(self, *problem) -> None:
-        super().__init__(*problem)
-        self.contacts = self.system.contacts
-        self.enough = self.system.options.contact_tol or BALANCED
-        self.whole, self.pairs, self.acting = False, 0, math.inf
-        self.found: Found | None = None
-
-    def first(self) -> Outcome | None:
-        """See `SolidStep`."""
-        refused = super().first()
-        self.whole = refused is None and not self.excused
-        if self.whole:
-            self.noted()
-        return refused
-
-    def noted(self) -> None:
-        """Notes the reactions of a solve, before the model is linearized elsewhere."""
-        system, solids = self.system, self.contacts.solids
-        self.found, self.reaction = None, system.reaction_rows()
-        system.keep_reaction(self.reaction, None if system.model.sewn is None else system.tension())
-        self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
-        self.borne, self.began = (solids.linearized, solids.pressing), self.contacts.base[0]
-
-    def further(self) -> Outcome | None:
-        """See `EulerStep`: a Newton step of cloth and contacts."""
-        if not self.whole:
-            return super().further()
-        balance, contacts, system = self.contacts.balance, self.contacts, self.system
+    def solve(self, k: int) -> Outcome | None:
+        """See `StepProblem`."""
+        balance, contacts, system = self.balance, self.contacts, self.system
         with self.clock.part("C-S"):
-            balance.hold()
-            contacts.base, self.held = system.model.read_particles(), balance.held
-            crowded = not contacts.take(balance.rubs(contacts.base[1]), False)
+            if k:
+                balance.go_on(self.residual.off <= self.enough)
+                balance.hold()
+                contacts.base = system.model.read_particles()
+            else:
+                balance.begin()
+                contacts.base = contacts.start.begins
+                if balance.held is not None:
+                    contacts.base[0][balance.held.index] += balance.held.y
+            self.held = balance.held
+            crowded = not contacts.take(balance.rubs(contacts.base[1]), k == 0)
+            if k == 0:
+                system.start_over()
         if crowded:
             return self.refuse(CONTACT, f"more than {contacts.force.most} points of contact")
-        with self.clock.part("EVAL"):
-            system.linearize(self.c, over=self.over)
-        with self.clock.part("CG"):
-            tolerance, z = system.options.cg_tol or OTHERS, system.to_go(self.held, self.c)
-            self.solutions.append(system.solve(tolerance, self.held, self.c, z, again=True, lasting=True))
+        if k == 0 and balance.closing > contacts.solids.reach:
+            return self.refuse(APPROACH, f"{balance.closing:.3g} m in one step")
+        self.linear(k)
         return self.unsolved()
+
+    def linear(self, k: int) -> None:
+        """Linearization and solve, from where the model is."""
+        system, h, held = self.system, self.c, self.held
+        with self.clock.part("EVAL"):
+            if k:
+                system.linearize(h, over=self.over)
+            else:
+                system.linearize_first(h, held)
+        with self.clock.part("CG"):
+            tolerance = system.options.cg_tol or (OTHERS if k else FIRST)
+            z = system.to_go(held, h) if k else None
+            warm = k == 0 and system.base is not None and len(self.solutions) > 0
+            if warm:
+                system.add_guess(-1.0)
+            self.solutions.append(system.solve(tolerance, held, h, z, warm, again=k > 0, lasting=True))
+            if k == 0 and system.base is not None:
+                system.add_guess(1.0)
 
     def advance(self, k: int) -> float:
         """See `StepProblem`."""
-        if not (k and self.whole):
-            return super().advance(k)
+        contacts, system = self.contacts, self.system
+        solids = contacts.solids
         with self.clock.part("C-S"):
-            self.noted()
+            self.reaction = system.reaction_rows()
+            self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
+            self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
         with self.clock.part("EVAL"):
-            self.system.shift(self.c, 1.0)
-            self.system.settle(self.held)
+            self.changes.add(self.c * system.rms_change())
+            if k:
+                system.shift(self.c, 1.0)
+            else:
+                system.place(self.c, 1.0)
+            system.settle(self.held)
         return 1.0
 
-    def measure(self, k: int) -> Measures:
-        """See `StepProblem`; from the second one on the model is linearized there too."""
-        if not (k and self.whole):
-            return super().measure(k)
-        with self.clock.part("C-S"):
-            self.contacts.solids.look()
-        return self.assess()
+    def shift(self, k: int, part: float, taken: float) -> None:
+        """See `StepProblem`: never."""
 
-    def assess(self) -> Measures:
-        """Finds how far the state is from balance."""
+    def measure(self, k: int) -> Measures:
+        """See `StepProblem`; the model is linearized there too, without friction of sliding contacts."""
         contacts, system = self.contacts, self.system
+        solids = contacts.solids
+        with self.clock.part("C-S"):
+            solids.look()
         with self.clock.part("EVAL"):
             measures, self.lacks, needed = forces_at_end(system, self.c, self.held, self.over)
         with self.clock.part("C-S"):
-            active, contacts.balance.inertia = contacts.solids.active, system.inertia()
-            needed = active.holding.forces(active.contacts, needed)
-            self.found = contacts.balance.assess(self.lacks, contacts.base[1], self.taken, needed, self.enough)
-        self.residual = r = self.found.residual
-        self.acting = min(self.acting, r.acting)
+            self.balance.inertia, holding = system.inertia(), solids.active.holding
+            self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
+                solids.active.contacts, needed), self.enough)
         return measures
 
-    @property
-    def off(self) -> float:
-        """How far the state is from balance, as part of the least that acts in any state of the step."""
-        return self.residual.off * self.residual.acting / self.acting
-
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `StepProblem`. No other length of a further step was found to do better."""
-        return True if k and self.whole else super().acceptable(k, part, measures)
-
-    def fits(self, measures: Measures, ledger: Ledger) -> bool:
-        """See `EulerStep`; and whether forces are in balance."""
-        if not super().fits(measures, ledger):
-            return False
-        if self.whole and self.found is None:
-            self.assess()
-        return not self.whole or self.off <= self.enough
+        """See `StepProblem`; no other length of it was found to do better."""
+        return True
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
-        if self.ended is not None or not self.whole:
-            return super().judge(k, part, measures)
-        if k == 0:
-            self.over = self.c if self.system.base is None else 0.0
-            self.assess()
-        self.changes.add(self.c * self.system.rms_change())
+        smoothed, self.residual = self.balance.smoothed, self.found.residual
         with self.clock.part("C-S"):
-            contacts = self.contacts
-            self.pairs = contacts.solids.bear(self.reaction, contacts.base[0] - self.began, self.borne)
-            contacts.balance.take(self.found)
-        enough = k > 0 and self.off <= self.enough and (self.effort is None or self.changes.enough(self.effort))
-        return self.end(measures) if enough and not self.pairs else None
+            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began, self.solved)
+            self.balance.take(self.found)
+        solved = self.residual.off <= self.enough and not smoothed and not self.pairs
+        if self.effort is not None:
+            solved &= self.changes.enough(self.effort)
+        return self.finish(measures) if solved else None
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`. A step is taken even if pairs of edges could be further apart."""
-        if not self.whole:
-            return super().give_up(measures)
-        ended, r = self.end(measures) if self.pairs and self.off <= self.enough else None, self.residual
-        off = f"{100 * self.off:.2g} % of all forces out of balance, most at particle {r.worst}"
-        return ended or Outcome(NEWTON, f"{len(self.solutions)} solves, {off}, {r.changed} contacts change", measures)
+        if self.pairs and self.residual.off <= self.enough:
+            return self.finish(measures)
+        r = self.residual
+        return Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * r.off:.2g} % of all forces out of balance, most at "
+                       f"particle {r.worst}, {r.changed} contacts change", measures)
 
-    def end(self, measures: Measures) -> Outcome | None:
-        """The step's end, if its energy is accounted for, and nothing is too deep inside solids, or through."""
-        contacts, system, solids, found = self.contacts, self.system, self.contacts.solids, self.found
+    def finish(self, measures: Measures) -> Outcome:
+        """Whether the step passes: nothing too deep or through solids, and no energy from nowhere."""
+        contacts, system, solids = self.contacts, self.system, self.contacts.solids
         with self.clock.part("C-S"):
-            contacts.balance.finish()
-            self.held = contacts.balance.held
-            solids.unsettled = self.residual.changed
+            self.balance.finish()
+            self.held = self.balance.held
+            contacts.found, solids.unsettled = self.found, self.residual.changed
+            deep = solids.ends_deep()
+            through = not deep and solids.went_through()
+        if deep:
+            return Outcome(CONTACT, "too deep inside", measures)
+        if through:
+            return Outcome(CONTACT, f"{contacts.crossings} crossings", measures)
         with self.clock.part("EVAL"):
             system.hold(self.held, -self.lacks)
-            if self.effort is None:
-                ended = self.accounted(self.energy.conclude(self.c, self.held, self.start, measures, LIGHT, fits=self.fits))
-            else:
-                ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST)
-        with self.clock.part("C-S"):
-            if ended is None or solids.ends_deep() or solids.went_through():
-                return None
-        assert found is not None
-        if system.options.contact_tol is None:  # contacts bear what the law says: it is the cloth that is off balance
-            found = replace(found, residual=replace(found.residual, off=0.0))
-        contacts.found = found
+            ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST, slack=self.enough)
+        if ended is None:
+            return Outcome(ENERGY, f"{len(self.solutions)} solves", measures)
         now = system.meter.measure()
         return Outcome(None, "", replace(ended[0], dissipation=now.dissipation, damped=now.damped, rate=now.rate), ended[1])
 
-
-class SolidPolicy(EulerPolicy):
-    """Steps in contact with solids."""
-
-    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
-        """See `EulerPolicy`. A small step that is not solved is made as a `SolidStep`."""
-        problem = SolvedStep(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
-        made = minimize(problem, 1 + self.system.options.newton_max)
-        if made.rejection != NEWTON or not problem.whole or self.system.contacts.start.share > 1.5 / FINEST:
-            return made
-        if self.system.options.contact_tol is not None:
-            self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without it")
-        self.system.start_over()
-        return minimize(SolidStep(self.system, self.energy, self.effort, h, pins, start, clock, solutions),
-                        1 + self.system.options.newton_max)
+    def refuse(self, name: str, detail: str) -> Outcome:
+        """The end of a step that contact does not allow."""
+        return Outcome(name, detail, self.system.meter.measure())
