@@ -12,7 +12,8 @@ from ..system.checkpoint import Checkpointed
 NEAR = 0.5  # of its distance: a particle that starts nearer has a part of its thickness only
 LEAST = 0.005  # part of its thickness that any particle has
 RAMP = 0.2  # s in which thickness grows from nothing to the whole
-FURTHER = 1.3  # times the distance that there is, to which thickness may grow in a step
+FURTHER = 1.3  # times the distance that there is, to which thickness may grow in a step; without it two sheets on a mesh 1/20
+# of the thickness away (`test_near_starts`) take 28 steps for 8, and 27 where thickness does not grow at all
 
 
 class Growth(Checkpointed):

@@ -30,7 +30,6 @@ from .system import System
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
 MANY = 0.1  # of the contacts with solids: where a Newton step changes more, others follow, and so in the next step
-RETRIES = 10  # attempts at a small step, each without the pairs that kept the last from going all of its way
 
 
 class LayerStep(EulerStep):
@@ -202,10 +201,10 @@ class LayerPolicy(SolidPolicy):
                 self.layers.pass_without()
                 return made
             self.system.start_over()
-        for _ in range(RETRIES):
+        while True:
             problem = LayerStep(self.system, self.energy, h, pins, start, clock, solutions)
             made = minimize(problem, self.layers.ROUNDS)
-            if not problem.released:
+            if not problem.released:  # else again, each time without more of the pairs that kept it from going all of its way
                 break
             self.system.start_over()
         if self.layers.intersections.active or self.layers.freed:
