@@ -246,7 +246,7 @@ MUTATIONS = (
      TANGLES + "what_has_just_come_apart_does_not_go_back"),
     (CONTACT + "cloth/untangle.py", "FIRMER, FIRMEST = 2.0", "FIRMER, FIRMEST = 1.0", "what a load holds through stays",
      TANGLES + "what_a_load_holds_through_comes_out"),
-    (CONTACT + "cloth/untangle.py", "HOLDS = 128.0", "HOLDS = 0.0", "what has come apart goes back",
+    (CONTACT + "cloth/untangle.py", "PULL * FIRMEST / (", "0 * PULL * FIRMEST / (", "what has come apart goes back",
      TANGLES + "what_has_just_come_apart_does_not_go_back"),
     (CONTACT + "cloth/untangle.py", "[one] <= FEW", "[one] <= 10 * FEW",
      "large tangles led as firmly", TANGLES + "what_went_through_comes_out"),

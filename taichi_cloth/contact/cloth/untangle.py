@@ -22,8 +22,8 @@ from .contact_pairs import ContactPairs
 PULL = 10.0  # stiffness over mass / h^2 by which crossings are moved by a thickness in a usual step
 FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts; with 0 what a load
 # holds through stays: 14 crossings of 18 after .4 s
-FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew
-HOLDS = 128.0  # times as stiff pairs are led apart that have just come apart
+FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew; and pairs that have just come
+# apart are led further
 RELEASED = 0.1  # s for which particles that were pinched rest
 
 NONE = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0)
@@ -177,7 +177,7 @@ class Intersections(Checkpointed):
         vertices, weights, normal, radius = self.parting
         gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
         step = np.clip(radius - gap, 0.0, radius * start.share)
-        stiff = np.where(step > 0, PULL * HOLDS / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
+        stiff = np.where(step > 0, PULL * FIRMEST / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
         return Points(vertices, weights, stiff[:, None] * sym_outer(normal),
                       (stiff * (step - gone) / start.c)[:, None] * normal)
 
