@@ -216,7 +216,7 @@ MUTATIONS = (
     (NONLINEAR + "layer_contact.py", "self.layers.stop_short()", "pass",
      "what stops a step short is as soft in the next solve", THROWN),
     (CONTACT + "cloth/layers.py", "& (compared.rows >= 0) &", "&", "what stops a step short at once stiff", GAPS),
-    (CONTACT + "cloth/layers.py", "PATIENCE = 8 ", "PATIENCE = 3 ", "friction by forces of three solves before", DRAWN),
+    (CONTACT + "cloth/layers.py", "not (hindered and self", "not (self", "friction by forces of three solves before", DRAWN),
     (NONLINEAR + "layer_contact.py", "if self.agreed:", "if False:", "steps whose energy alone is off get smaller", DRAWN),
     (CONTACT + "cloth/layers.py", "late = lag > AGREED * rubs_as and", "late = False and",
      "friction that lags is taken",

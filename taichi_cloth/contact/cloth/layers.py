@@ -34,12 +34,11 @@ from .firmness import CLOSE, Firmness
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
-PATIENCE = 8  # solves after which normal forces that friction goes by, and that still change, do so in the next step,
-LATER = 3  # and where cloth is pinched or passes through itself, and contacts with solids. With 2 and 6 the tube on a dance
-# four times as fast takes 63 and 67 steps for 62, three sheets that fall on a ball 167 and 201 solves for 168
-AGREED = 0.1  # part of all forces of pairs by which their forces in a solve may be off, and the sum of friction's bounds
-# against those by its normal forces. With .05 `layers` takes 2.9 solves a step for 2.6
-RUBBED = 0.05  # the same of friction beyond its cone after one solve; without it `tablecloth_pull` takes 138 solves for 128
+LATER = 3  # solves after which what still changes does so in the next step: contacts with solids, and, where cloth is pinched
+# or passes through itself, the normal forces that friction goes by. With 2 and 6 the tube on a dance four times as fast takes
+# 63 and 67 steps for 62, three sheets that fall on a ball 167 and 201 solves for 168
+AGREED = 0.1  # part of all forces of pairs by which their forces in a solve may be off, the sum of friction's bounds against
+# those by its normal forces, and, after one solve, friction beyond its cone. With .05 `layers` takes 2.9 solves a step for 2.6
 LOOSE = 2.0  # of gravity, the earth's at least: error that the forces of pairs may have, over the mass they act on
 PINCHING = 0.02  # of half the thickness: particles that move more than that within a step are not pinched, but fast
 
@@ -204,10 +203,10 @@ class Layers(Checkpointed):
         rubs_as = float(np.sum(bears))
         lag = abs(float(np.sum(q.weighed[pair_kernels.MU] * np.maximum(taken, 0.0))) - rubs_as)
         hindered = self.intersections.active or self.waived.any()
-        late = lag > AGREED * rubs_as and self.round <= (LATER if hindered else PATIENCE)
+        late = lag > AGREED * rubs_as and not (hindered and self.round > LATER)
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
-        rubs = over > RUBBED * rubs_as and self.round == 1  # friction still over then is over in the next step too
+        rubs = over > AGREED * rubs_as and self.round == 1  # friction still over then is over in the next step too
         nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are
         near = (self._too_near() & nearer).any()
         if near and not (self.off or rubs or late):
