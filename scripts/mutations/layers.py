@@ -83,7 +83,7 @@ MUTATIONS = (
     (CONTACT + "cloth/pair_kernels.py",
      "slides = slip.dot(was) > 0", "slides = slip.dot(was) < 0", "what slides sticks", SOLVES),
     (CONTACT + "cloth/pair_kernels.py",
-     "slides = before[DRAG, row] * speed > CONE", "slides = before[DRAG, row] * speed < CONE",
+     "slides = before[DRAG, row] * speed > before", "slides = before[DRAG, row] * speed < before",
      "what sticks slides", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "rub * across - c * bears * way", "rub * across + c * bears * way",
      "friction of what slides pushes forwards", SOLVES),

@@ -205,7 +205,7 @@ class Layers(Checkpointed):
         lag = abs(float(np.sum(q.weighed[pair_kernels.MU] * np.maximum(taken, 0.0))) - rubs_as)
         hindered = self.intersections.active or self.waived.any()
         late = lag > AGREED * rubs_as and not (hindered and self.round > LATER)
-        beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
+        beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > AGREED * rubs_as and self.round == 1  # friction still over then is over in the next step too
         nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are

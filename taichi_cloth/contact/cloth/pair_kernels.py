@@ -19,7 +19,6 @@ PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step
 STOP = 30.0  # the same of the stop of an approach, h this step
 SETTLING = 0.3  # radii a second that a pair may come nearer before it is stopped: loads settle as fast whatever h is
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
-CONE = 1.02  # times the most that friction can be, above which a damped pair slides
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
 # normal [m], its force [N], its potential [J], the most that its friction can be over its force
@@ -193,7 +192,7 @@ class PairKernels:
         way = 0 * slip
         if row >= 0 and bears > 0:
             was = ti.Vector([before[WAY + c, row] for c in ti.static(range(3))])
-            slides = before[DRAG, row] * speed > CONE * before[BEARS, row]
+            slides = before[DRAG, row] * speed > before[BEARS, row]
             if was.norm_sqr() > 0:
                 slides = slip.dot(was) > 0
             if slides:
