@@ -19,14 +19,13 @@ from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of, least_between
+from ..solid.pair_candidates import MOST
 from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
-MOST = 0.5  # of all particles: if more were displaced by more than the skin, the translation that most have in common is left
-# out, and if there are still more all pairs are looked for
-SAMPLES = 256  # particles among which that is
+SAMPLES = 256  # particles among which the translation that most have in common is looked for
 SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was walked for
 
 

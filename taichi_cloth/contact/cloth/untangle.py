@@ -15,6 +15,7 @@ from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
 from ..points import Points, sym_outer, sym_times, unit
+from ..solid.penetration import SPARED
 from ..step_start import StepStart
 from .collision_mesh import CollisionMesh
 from .contact_pairs import ContactPairs
@@ -24,7 +25,6 @@ FEW = 20  # crossings away from seams, at most, of a tangle that is led more fir
 # holds through stays: 14 crossings of 18 after .4 s
 FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew; and pairs that have just come
 # apart are led further
-RELEASED = 0.1  # s for which particles that were pinched rest
 
 NONE = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0)
 
@@ -154,7 +154,7 @@ class Intersections(Checkpointed):
 
     def release(self, particles: np.ndarray) -> None:
         """Lets pairs of particles, by numbers or as a mask (n,), rest for a while."""
-        self.until[particles] = RELEASED
+        self.until[particles] = SPARED
         self.resting = self.resting | (self.until > 0)
         self.active = bool(self.resting.any())
 
