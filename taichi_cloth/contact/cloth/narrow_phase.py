@@ -14,11 +14,11 @@ from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..pair_geometry import between, closing, fading, gap, least_between
+from ..solid.vertices import STRIDES
 from .broad_phase import ROUNDING, Candidates
 from .collision_mesh import ACROSS
 from .contact_pairs import ContactPairs
 
-STRIDES = 48
 KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: a pair so near is pressed by more than forces hold, and has no floor
