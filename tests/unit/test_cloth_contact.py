@@ -18,7 +18,7 @@ from taichi_cloth.contact import contact_force
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW
 from taichi_cloth.contact.cloth.contact_pairs import ContactPairs
-from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
+from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.cloth.untangle import Intersections
 from taichi_cloth.contact.geometry import VERTEX_FACE
@@ -187,7 +187,7 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
             d.model.write_particles(x, np.zeros_like(x))
             p = d.look()
             near[x is end] = dict(zip(p.key.tolist(), (p.end / p.radius).tolist()))
-        lowest = [ratio for key, ratio in near[True].items() if near[False].get(key, 1.0) > FLOOR]
+        lowest = [ratio for key, ratio in near[True].items() if near[False].get(key, 1.0) > PINCHED * FLOOR]
         assert min(lowest, default=1.0) > FLOOR * (1 - 10 * np.finfo(precision.replace("f", "float")).eps / 1e-3)
         taken += part
     assert crossed_before > 0 and taken / 20 > 0.005
