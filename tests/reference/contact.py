@@ -246,7 +246,7 @@ class Pair:
         size, bound, way = np.linalg.norm(slip), self.rubs * bore, np.zeros(3)
         if before is not None and bound > 0:
             old_bound, old_drag, old_way = before
-            if (slip @ old_way > 0) if old_way.any() else (old_drag * size > old_bound):
+            if (slip @ old_way > 0) if old_way.any() else (old_drag * size > 1.02 * old_bound):
                 way = slip / size
         drag = bound / max(size, CREEP)
         across = P - np.outer(way, way)
