@@ -131,7 +131,7 @@ MUTATIONS = (
      f"{STARTS}::test_what_is_not_near_starts_as_it_was_given"),
     (GROWTH, "self.part = np.maximum(least, LEAST)", "self.part = np.ones(len(least))",
      "what is left near keeps its whole thickness", GROWS),
-    (GROWTH, "FURTHER * there), self.part, 1.0)", "FURTHER * there), self.part, self.part)", "thickness does not grow", GROWS),
+    (GROWTH, "FURTHER * there, self.part, 1.0)", "FURTHER * there, self.part, self.part)", "thickness does not grow", GROWS),
     (RESPONSE, '"pinches", "growth", "firmness")', '"pinches", "firmness")',
      "thickness that grows is not resumed", GROWS),
     ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("before", "raised")',

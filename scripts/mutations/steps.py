@@ -175,7 +175,7 @@ MUTATIONS = (
     ("taichi_cloth/system/state.py",
      "            self.v_base[i] = self.v[i]\n", "", "a step starts from an old v_base", RESTORE),
     # TR-BDF2
-    ("taichi_cloth/step/integrators/tr_bdf2.py", "A, B = (math.sqrt(2) + 1) / 2", "A, B = (math.sqrt(2) + 1) / 2.02",
+    ("taichi_cloth/step/integrators/tr_bdf2.py", "A = (math.sqrt(2) + 1) / 2", "A = (math.sqrt(2) + 1) / 2.02",
      "weight of the middle", STAGES),
     ("taichi_cloth/step/integrators/tr_bdf2.py", "v_base, x_base, guess = v_0, x_0 + c * v_0, v_0",
      "v_base, x_base, guess = v_0, x_0, v_0", "the first stage forgets c v_0", STAGES),

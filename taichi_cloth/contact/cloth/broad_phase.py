@@ -19,13 +19,13 @@ from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of, least_between
+from ..solid.pair_candidates import MOST
 from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
-MOST = 0.5  # of all particles: if more were displaced by more than the skin, the translation that most have in common is left
-# out, and if there are still more all pairs are looked for
+MANY = 0.1  # of all particles: if more were displaced by more than the skin, the translation most have in common is looked for
 SAMPLES = 256  # particles among which that is
 SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was walked for
 
@@ -82,7 +82,7 @@ class Paths(Checkpointed):
     def strayed_count(self) -> int:
         """How many particles' paths leave those on which candidates are known by more than the skin."""
         count = self._measured(np.zeros((3, 3)))
-        if count > MOST * self.model.n:
+        if count > MANY * self.model.n:
             common = self._most_common()
             if common.any():
                 count = self._measured(common)

@@ -15,15 +15,16 @@ from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
 from ..points import Points, sym_outer, sym_times, unit
+from ..solid.penetration import SPARED
 from ..step_start import StepStart
 from .collision_mesh import CollisionMesh
 from .contact_pairs import ContactPairs
 
 PULL = 10.0  # stiffness over mass / h^2 by which crossings are moved by a thickness in a usual step
-FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts
-FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew
-HOLDS = 128.0  # times as stiff pairs are led apart that have just come apart
-RELEASED = 0.1  # s for which particles that were pinched rest
+FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts; with 0 what a load
+# holds through stays: 14 crossings of 18 after .4 s
+FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew; and pairs that have just come
+# apart are led further
 
 NONE = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0)
 
@@ -153,7 +154,7 @@ class Intersections(Checkpointed):
 
     def release(self, particles: np.ndarray) -> None:
         """Lets pairs of particles, by numbers or as a mask (n,), rest for a while."""
-        self.until[particles] = RELEASED
+        self.until[particles] = SPARED
         self.resting = self.resting | (self.until > 0)
         self.active = bool(self.resting.any())
 
@@ -176,7 +177,7 @@ class Intersections(Checkpointed):
         vertices, weights, normal, radius = self.parting
         gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
         step = np.clip(radius - gap, 0.0, radius * start.share)
-        stiff = np.where(step > 0, PULL * HOLDS / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
+        stiff = np.where(step > 0, PULL * FIRMEST / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
         return Points(vertices, weights, stiff[:, None] * sym_outer(normal),
                       (stiff * (step - gone) / start.c)[:, None] * normal)
 

@@ -18,7 +18,7 @@ from ...system.checkpoint import Checkpointed
 from ..points import rows_of
 
 GIVE, BORNE = 0.02, 0.05  # of a pair's range, by which its load moves it, at first, and after many steps
-STIFFER, SOFTER = 4.0, 0.8  # factors: at least, from solve to solve; from usual step to usual step
+STIFFER, SOFTER = 4.0, 0.8  # factors: at least, from solve to solve; from usual step to usual step; both of layers too
 FIRMEST = 1e5  # times the stiffness that a pair has anyway: where others push against it none would do
 TIMES = 3  # solves running after which a pair ended too near
 PULLS = 1e-3  # of the mean force of pairs: a pair that pulls more is let go

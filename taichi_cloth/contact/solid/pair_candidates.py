@@ -18,7 +18,7 @@ from .pairs import PAIR
 from .tree import TriangleTree
 
 SKIN = 0.5  # of the least thickness: how far paths may lead from those for which the tree was walked
-MOST = 0.5  # of all particles: if more have moved further, all pairs are looked for
+MOST = 0.5  # of all particles: if more have moved further, all pairs are looked for, between layers too
 PAIRS = 12  # of a triangle and a face: its corners with the face, its edges with the face's edges
 
 

@@ -11,7 +11,8 @@ PAIR = 0.5  # of the thickness (beyond the core's radius): distance that edges a
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
 LEAST = 0.42  # of a pair's range: a nearer end takes another round; a fifth of the thickness
 LOST = 0.3  # of a pair's range: nearer is not accepted
-SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, as between layers
+SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, between layers too: loads settle as fast
+# whatever h is
 CLOSE, CREEP = 0.55, 0.05  # of a pair's range: an end nearer than that, by so much, takes another round
 HELD = 0.6  # of a pair's range: a pair that begins or comes nearer is held by any stiffness of its own
 BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its

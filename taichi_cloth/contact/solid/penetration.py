@@ -20,7 +20,7 @@ from .vertices import VertexContacts
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
 DEEP, DEEPER = 0.5, 0.7  # of the thickness: deeper ends are not accepted; where pairs guard faces and edges of cloth too
 OUT, HIGHEST = 0.05, 0.5  # m/s by which crossing cloth is raised, and mean edges by which it is at most
-SPARED = 0.1  # s for which pinched particles do not make steps small again
+SPARED = 0.1  # s for which pinched particles do not make steps small again, and their pairs with cloth rest
 
 
 class Penetration(Checkpointed):

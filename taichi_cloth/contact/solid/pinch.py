@@ -20,9 +20,9 @@ from ..points import EYE, Points, length, sym_outer, sym_times, tangential, unit
 from ..step_start import StepStart
 from .facing import FacingSurfaces, Sides
 from .query import Scanner
+from .room import FACING
 from .vertices import VertexContacts
 
-FACING = -0.5  # cosine between normals below which surfaces face each other
 WHOLE, WEDGE = 0.0, 0.5  # below which they need all of their room, next to pinched particles, and above which none
 SAME = 0.5  # cosine between the normals of one side from step to step
 FREE = 1.25  # times the room needed: with more, a pinched particle is free

@@ -4,7 +4,6 @@ from ...backend.language import ti
 from ...scene.primitives import BOX, CAPSULE, CYLINDER, PLANE, SPHERE
 
 TINY = 1e-20
-KINDS = (PLANE, SPHERE, CAPSULE, BOX, CYLINDER)
 
 
 @ti.func

@@ -301,7 +301,7 @@ class SolidContacts(Checkpointed):
     def _grow(self) -> None:
         """Pairs that started nearer than their thickness have more of it after a step."""
         if self.growth.active and self.near.pairs is not None:
-            self.growth.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs), self.start.h)
+            self.growth.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs))
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""

@@ -41,7 +41,7 @@ from ..pump import Pump
 
 C = 1 - math.sqrt(0.5)
 GAMMA = 2 - math.sqrt(2)
-A, B = (math.sqrt(2) + 1) / 2, (math.sqrt(2) - 1) / 2
+A = (math.sqrt(2) + 1) / 2
 E_0, E_GAMMA, E_1 = (math.sqrt(2) - 1) / 3, -1 / 3, 2 * C / 3  # weights less those of the third-order formula
 WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; C is the end's
 WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off

@@ -42,12 +42,10 @@ class EulerStep(StepProblem):
         effort: how far Newton's method goes on; None: no further than the first solve's energy asks for.
 
     Attributes:
-        touches: whether contact is part of it; bearable: part of its energy that may then be unaccounted for; least_gravity:
-            [m/s^2] in the fall that its lost energy is compared with.
+        touches: whether contact is part of it; least_gravity: [m/s^2] in the fall that its lost energy is compared with.
     """
 
     touches = False
-    bearable = BEARABLE
     least_gravity = 0.0
     over = 0.0
 
@@ -187,11 +185,11 @@ class EulerStep(StepProblem):
         if self.exacting or measures.used > 1:
             most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
             return doubt <= most
-        if not self.touches or doubt <= self.bearable or self.excused:
+        if not self.touches or doubt <= BEARABLE or self.excused:
             return True
         g = max(float(np.linalg.norm(self.system.scene.gravity)), self.least_gravity)
         fall = 0.5 * self.system.model.mass.sum() * (g * self.c) ** 2
-        return abs(ledger.unaccounted) <= self.bearable * fall
+        return abs(ledger.unaccounted) <= BEARABLE * fall
 
     @property
     def excused(self) -> bool:

@@ -22,9 +22,6 @@ from .euler import EulerPolicy, EulerStep
 from .newton import Outcome, StepProblem, minimize
 from .system import System
 
-ACCOUNTED = 0.05  # part of a step's energy, or of what a step of free fall gains, that may be unaccounted for. With .2, this and
-# .02 a strip goes round an edge by .018, .086, .098 m (law .120), a towel by .021, .059, .068 m (.057), and a sheet on a ball (30
-# cells, 1 s) takes 356, 448, 480 solves, .13, .037, .089 J
 ROUNDS = 13  # solves of (18), after which a step goes on with the last states of contacts
 FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. A sheet on a ball, .7 s: with
 # 4, 8, 16 581, 641, 656 solves and .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
@@ -74,7 +71,6 @@ class SolidStep(EulerStep):
     """
 
     touches = True
-    bearable = ACCOUNTED
     least_gravity = EARTH
     relaxed = False
 

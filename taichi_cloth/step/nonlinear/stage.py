@@ -9,9 +9,7 @@ from ...system.held import Held
 from ..attempt import NEWTON
 from .effort import Changes, Effort
 from .newton import HALVINGS, Outcome, StepProblem
-from .system import System
-
-OFF = 64  # roundings of positions by which held directions may be off their targets
+from .system import ROUNDING, System
 
 
 class Stage(StepProblem):
@@ -37,7 +35,7 @@ class Stage(StepProblem):
         if to_go is None or self.held is None:
             return False
         off = np.abs(np.einsum("kij,kj->ki", self.held.projector, to_go)).max(initial=0.0)
-        return self.held.moving or self.c * off > OFF * self.system.resolution
+        return self.held.moving or self.c * off > ROUNDING * self.system.resolution
 
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`."""

@@ -22,7 +22,7 @@ from ...system.held import Held, kernel_array
 from ...system.operator import Operator
 from ...system.state import ParticleState
 
-ROUNDING = 64  # Phi may grow by this many roundings of its terms
+ROUNDING = 64  # Phi may grow by this many roundings of its terms, and what is held be off its target by as many of positions
 
 
 @ti.data_oriented
