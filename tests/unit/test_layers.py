@@ -1,6 +1,7 @@
 """Imports go one way: rooms in a fixed order, and no circle among files, imports inside functions included."""
 
 import ast
+import functools
 import pathlib
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -36,6 +37,7 @@ def name_of(path: pathlib.Path) -> str:
 FILES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
+@functools.cache  # read where a test asks, not in every process that collects it
 def imports(name: str) -> set[str]:
     """Modules of the package that a module imports, wherever in it."""
     path = FILES[name]
@@ -52,9 +54,6 @@ def imports(name: str) -> set[str]:
     return inside
 
 
-GRAPH = {name: imports(name) for name in FILES}
-
-
 def belongs(name: str, names) -> bool:
     """Whether a module is one of `names`, or in a room of one."""
     return any(name == other or name.startswith(other + ".") for other in names)
@@ -62,7 +61,8 @@ def belongs(name: str, names) -> bool:
 
 def test_rooms_are_in_order():
     assert len(FILES) > 100
-    for name, inside in GRAPH.items():
+    for name in FILES:
+        inside = imports(name)
         room = name.split(".")[0]
         for target in inside:
             where = f"{name} imports {target}"
@@ -78,7 +78,7 @@ def test_no_circle_among_files():
     def visit(name: str, trail: tuple[str, ...]) -> None:
         assert name not in trail, " imports ".join([*trail[trail.index(name):], name])
         if name not in done:
-            for target in GRAPH[name]:
+            for target in imports(name):
                 visit(target, (*trail, name))
             done.add(name)
 
