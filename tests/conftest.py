@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+gc.disable()  # until all tests are collected: trees of their sources are no garbage
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: idle threads of its own spin, on cores that others need
 import numpy as np  # noqa: E402
 
@@ -94,6 +95,11 @@ def _restarts(item: pytest.Item) -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What starts Taichi anew comes last, in f32 after all other: what was compiled before is compiled again after it."""
     items.sort(key=lambda item: _restarts(item) + _in_f32(item))
+
+
+def pytest_collection_finish() -> None:
+    """Garbage is collected from here on."""
+    gc.enable()
 
 
 @pytest.fixture(scope="module", autouse=True)
