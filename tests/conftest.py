@@ -5,7 +5,6 @@ import os
 import pathlib
 import signal
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import pytest
 
@@ -18,7 +17,6 @@ import taichi_cloth as tc  # noqa: E402
 os.environ.setdefault("TI_OPT_LEVEL", "0")  # a quarter less to compile; bits are the same, as test_second_simulation.py holds
 LONGEST = 600  # s that a test may take
 THREADS = 1  # CPU threads where a test asks for no number, whatever the machine has; scripts/perturbing.py sets both of these
-NONE = SimpleNamespace(params={})  # of a test without parameters
 
 
 def shared_data() -> pathlib.Path | None:
@@ -85,7 +83,7 @@ def blocks_of_tests() -> None:
 
 
 def _in_f32(item: pytest.Item) -> bool:
-    return any(isinstance(value, str) and value == "f32" for value in getattr(item, "callspec", NONE).params.values())
+    return "f32" in item.name  # of the function, or a parameter
 
 
 def _restarts(item: pytest.Item) -> bool:
@@ -104,8 +102,8 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def what_stays() -> None:
-    """Tests, modules and compiled kernels stay to the end: simulations collect garbage as they start, which took a fifth of
-    all time while it went through all of these."""
+    """Tests, modules and compiled kernels stay to the end: simulations collect garbage as they start, and it took up to a
+    fifth of a worker's time while that went through all of these."""
     gc.collect()
     gc.freeze()
 
