@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import pytest
 
-gc.disable()  # until all tests are collected: trees of their sources are no garbage
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: idle threads of its own spin, on cores that others need
 import numpy as np  # noqa: E402
 
@@ -95,8 +94,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: _restarts(item) + _in_f32(item))
 
 
-def pytest_collection_finish() -> None:
-    """Garbage is collected from here on."""
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Nothing looks for garbage while tests are collected: trees of their sources are none."""
+    gc.disable()
+    yield
     gc.enable()
 
 
