@@ -1,20 +1,21 @@
 """Shared by all tests: golden data, small scenes, a Taichi cache of its own kind."""
 
+import gc
 import os
 import pathlib
 import signal
 from collections.abc import Iterator
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-import taichi_cloth as tc
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: idle threads of its own spin, on cores that others need
+import numpy as np  # noqa: E402
+
+import taichi_cloth as tc  # noqa: E402
 
 os.environ.setdefault("TI_OPT_LEVEL", "0")  # a quarter less to compile; bits are the same, as test_second_simulation.py holds
 LONGEST = 600  # s that a test may take
 THREADS = 1  # CPU threads where a test asks for no number, whatever the machine has; scripts/perturbing.py sets both of these
-NONE = SimpleNamespace(params={})  # of a test without parameters
 
 
 def shared_data() -> pathlib.Path | None:
@@ -81,7 +82,7 @@ def blocks_of_tests() -> None:
 
 
 def _in_f32(item: pytest.Item) -> bool:
-    return any(isinstance(value, str) and value == "f32" for value in getattr(item, "callspec", NONE).params.values())
+    return "f32" in item.name  # of the function, or a parameter
 
 
 def _restarts(item: pytest.Item) -> bool:
@@ -91,6 +92,22 @@ def _restarts(item: pytest.Item) -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What starts Taichi anew comes last, in f32 after all other: what was compiled before is compiled again after it."""
     items.sort(key=lambda item: _restarts(item) + _in_f32(item))
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Nothing looks for garbage while tests are collected: trees of their sources are none."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def what_stays() -> None:
+    """Tests, modules and compiled kernels stay to the end: simulations collect garbage as they start, and it took up to a
+    fifth of a worker's time while that went through all of these."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

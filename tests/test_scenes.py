@@ -18,7 +18,7 @@ FOLDER = pathlib.Path(__file__).parents[1] / "scenes"
 NAMES = sorted(p.stem for p in FOLDER.glob("*.py"))
 
 
-SHORTER = {"bunny_drape": 0.8, "laundry": 1.8, "outfit": 2.5}  # s: what comes after is more of the same
+SHORTER = {"body": 1.4, "bunny_drape": 0.8, "laundry": 1.8, "outfit": 2.5, "rotating_sphere": 2.0}  # s: more of the same after
 NEAREST = dict.fromkeys(("body", "bunny_drape", "needles"), 0.149)  # of the thickness; elsewhere cloth is outside solids
 
 

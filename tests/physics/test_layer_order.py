@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from reference.geometry import cloth_crossings
+from scipy.spatial import cKDTree
 
 import taichi_cloth as tc
 
@@ -69,9 +70,8 @@ def least_room(sim: tc.Simulation) -> float:
             for c in (inner, outer))
     def polar(x: np.ndarray) -> np.ndarray:
         return np.stack([RADIUS * np.arctan2(x[:, 0], x[:, 2]), x[:, 1]], axis=1)
-    away = np.linalg.norm(polar(q)[:, None] - polar(p)[None], axis=2)
-    near = away.argmin(axis=1)
-    beside = away[np.arange(len(q)), near] < 0.004
+    away, near = cKDTree(polar(p)).query(polar(q))
+    beside = away < 0.004
     return float((np.hypot(q[:, 0], q[:, 2]) - np.hypot(*p[near][:, [0, 2]].T))[beside].min())
 
 
