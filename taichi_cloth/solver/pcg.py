@@ -62,8 +62,8 @@ class PCG(Recurrences):
     Args:
         preconditioner: Pointwise or Multilevel.
         max_iterations: of one solve.
-        balanced: whether one cloth is all there is, so that no force from outside is in A: where it is free, its momentum is
-            then made exact.
+        balanced: whether cloths are all there is, so that no force from outside is in A: where they are free, their momentum
+            together is then made exact.
     """
 
     def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,

@@ -124,9 +124,11 @@ def _padded(directions: np.ndarray) -> np.ndarray:
 
 def _combine(index: np.ndarray, basis: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Attachments of the same particle as one: the span of their directions, the position that suits them all."""
-    particles = np.unique(index)
-    projector, target = np.empty((len(particles), 3, 3)), np.empty((len(particles), 3))
-    for k, p in enumerate(particles):
+    particles, first, count = np.unique(index, return_index=True, return_counts=True)
+    projector = np.einsum("kdi,kdj->kij", basis[first], basis[first])
+    target = np.einsum("kij,kj->ki", projector, goal[first])
+    for k in np.flatnonzero(count > 1):
+        p = particles[k]
         rows, goals = basis[index == p].reshape(-1, 3), goal[index == p]
         values = np.einsum("adi,ai->ad", basis[index == p], goals).reshape(-1)
         inverse = np.linalg.pinv(rows, rcond=1e-9)
