@@ -15,6 +15,7 @@ Tried and left out:
 - states by the forces that balance needs instead of those of the last solve (they never settle).
 """
 
+import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
@@ -38,6 +39,8 @@ class SolvedStep(StepProblem):
         balance: of forces and contacts; found: its assessment of the state; residual: as last judged, out of balance by no
             more than `enough` where the step is solved.
         lacks: (n, 3) impulses [N s] that the state lacks; taken: contact forces of the last solve.
+        acting: least [N s] that acts in any state of the step, of which `enough` is a part: a state far off has forces of any
+            size, and would be in balance by these.
         over: span [s] over which damping is an energy; 0 where the step starts from a base.
         pairs: of edges that want another solve.
     """
@@ -48,6 +51,7 @@ class SolvedStep(StepProblem):
         self.energy, self.effort, self.start, self.contacts = energy, effort, start, system.contacts
         self.enough = system.options.contact_tol or 0.0
         self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
+        self.acting = math.inf
         with clock.part("C-S"):
             predict(system, h, held, together=False)
             self.balance = self.contacts.balance
@@ -134,7 +138,9 @@ class SolvedStep(StepProblem):
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
-        smoothed, self.residual = self.balance.smoothed, self.found.residual
+        smoothed, r = self.balance.smoothed, self.found.residual
+        self.acting = min(self.acting, r.acting)
+        self.residual = replace(r, off=r.off * r.acting / self.acting)
         with self.clock.part("C-S"):
             self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began, self.solved)
             self.balance.take(self.found)
@@ -157,7 +163,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.balance.finish()
             self.held = self.balance.held
-            contacts.found, solids.unsettled = self.found, self.residual.changed
+            contacts.found, solids.unsettled = replace(self.found, residual=self.residual), self.residual.changed
             deep = solids.ends_deep()
             through = not deep and solids.went_through()
         if deep:
