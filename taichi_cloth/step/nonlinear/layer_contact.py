@@ -139,15 +139,16 @@ class LayerStep(EulerStep):
             self.released = not self.agreed and k > LATER and self.layers.release_beside(contacts.solids.holds())
         if self.released:
             return self.refuse(measures)
-        early = k < self.layers.ROUNDS // 2
-        ended = self.conclude(measures, early) if self.agreed else None
-        if early:
+        strict = self.exacting or k < self.layers.ROUNDS // 2
+        ended = self.conclude(measures, strict) if self.agreed else None
+        if strict:
             ended = self.accounted(ended)
         return None if ended is None else self.finish(*ended)
 
-    def conclude(self, measures: Measures, early: bool = False) -> tuple[Measures, Ledger] | None:
-        """Calls `EnergyTest.conclude`. Early, a step has to fit before it is slowed down."""
-        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, self.fits if early else None)
+    def conclude(self, measures: Measures, strict: bool = False) -> tuple[Measures, Ledger] | None:
+        """Calls `EnergyTest.conclude`. In the first half of the solves, and always where something may rip or tear, gas works
+        or cloth is beyond a limit, a step has to account for its energy before it is slowed down."""
+        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, self.fits if strict else None)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether solids let the step pass."""
