@@ -139,8 +139,10 @@ class LayerStep(EulerStep):
             self.released = not self.agreed and k > LATER and self.layers.release_beside(contacts.solids.holds())
         if self.released:
             return self.refuse(measures)
-        strict = self.exacting or k < self.layers.ROUNDS // 2
-        ended = self.conclude(measures, strict) if self.agreed else None
+        if not self.agreed:
+            return None
+        strict = k < self.layers.ROUNDS // 2 or self.exacting
+        ended = self.conclude(measures, strict)
         if strict:
             ended = self.accounted(ended)
         return None if ended is None else self.finish(*ended)
