@@ -20,7 +20,7 @@ from ..ledger import Ledger, Work, gained, one_stage
 from .system import System
 
 LIGHT = 0.01  # part of the velocity of deformation that is taken off rather than solved again
-MOST = 0.5  # the same where nothing is solved again: with .01 a sheet that starts as a line gives up (tests/hard)
+MOST = 0.5  # the same where nothing is solved again: with .01 a scene of tests/hard gives up
 PINCHED = 0.1  # part of all works by which these may be off in steps too small to be tried smaller
 PRESSED = 1e-3  # part of the energy of pressed layers by which that may be off there
 SLIGHT = 1e-6  # and anywhere: factors of pairs change from place to place and have no force
