@@ -23,6 +23,7 @@ import numpy as np
 
 from ...backend.fields import Fields
 from ...backend.language import ti
+from ...backend.sums import Sums
 from ...backend.timing import Clock
 from ...options import Options
 from ...solver.pcg import CONVERGED, Solution
@@ -63,7 +64,8 @@ class TRBDF2(Checkpointed):
 
     def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
         self.system, self.options, self.model, self.pump = system, options, system.model, Pump(system.meter)
-        n = self.model.n
+        n, self.blocks = self.model.n, self.model.blocks
+        self.sums = Sums(fields, self.blocks.pieces, 1, not self.blocks.serial, dtype=system.solver.sum_type)
         self.a_0, self.v_g, self.a_g, self.v_p = (fields.real(n, 3) for _ in range(4))  # a_0 = F_0/M
         self.known = False  # whether a_0 is, or follows from the last step
         self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
@@ -253,15 +255,17 @@ class TRBDF2(Checkpointed):
     @ti.kernel
     def _lag(self, c: float) -> float:
         """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: power [W] lost by the method's velocities, see `ledger`."""
-        total = ti.cast(0, self.system.solver.sum_type)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            for i in range(self.model.rows()):
+        ti.loop_config(serialize=self.blocks.serial)
+        for piece in range(self.blocks.pieces):
+            total = ti.cast(0, self.sums.dtype)
+            for i in range(self.blocks.first(piece), self.blocks.first(piece + 1)):
                 v_0, v_1 = self.model.v_saved[i], self.model.v[i]
                 u, a_1 = 0.5 * (v_0 + v_1), (v_1 - self.v_p[i]) / c
                 total += self.model.m[i] * (ti.static(WEIGHT) * (self.a_0[i].dot(v_0 - u) + self.a_g[i].dot(self.v_g[i] - u))
                                             + ti.static(C) * a_1.dot(v_1 - u))
-        return total
+            self.sums.of_piece[piece] = total
+        self.sums.finish(1)
+        return self.sums.all[0]
 
     @ti.kernel
     def _estimate(self, h: float):
@@ -284,9 +288,11 @@ class TRBDF2(Checkpointed):
     @ti.kernel
     def _error_square(self, c: float) -> float:
         """|e_x + c dv|^2"""
-        total = ti.cast(0, self.system.solver.sum_type)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            for i in range(self.model.rows()):
+        ti.loop_config(serialize=self.blocks.serial)
+        for piece in range(self.blocks.pieces):
+            total = ti.cast(0, self.sums.dtype)
+            for i in range(self.blocks.first(piece), self.blocks.first(piece + 1)):
                 total += (self.system.operator.motion[i] + c * self.system.solver.dv[i]).norm_sqr()
-        return total
+            self.sums.of_piece[piece] = total
+        self.sums.finish(1)
+        return self.sums.all[0]

@@ -15,7 +15,9 @@ import numpy as np
 from ...backend.fields import Fields
 from ...backend.language import ti
 from ...backend.phases import END, TASK, PhaseScheduler
+from ...backend.rows import read, write
 from ...backend.runtime import Runtime
+from ...backend.sums import GROUPS
 from ...backend.timing import Clock
 from ...forces.pulls import Pulled, Pulls
 from ...scene.scene import Scene
@@ -61,8 +63,9 @@ class Verlet(Checkpointed):
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
         self.soft: Any = next((f for f in forces if isinstance(f, Pulls)), None)
         self.tows = self.soft is not None
-        self.towed = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # the same of places that pull softly
-        self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of led particles [J]
+        self.pieces = GROUPS if runtime.device else 1  # of the held particles, a thread each
+        self.pulled, self.towed = (fields.real(self.pieces, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)
+                                   for _ in range(2))  # a piece's work [J]: of led particles, of places that pull softly
         self.drag = next((f for f in forces if f.interpolated_wind), None)
         self.ramps, self.time_dependent = self.drag is not None, any(f.time_dependent for f in forces)
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
@@ -100,7 +103,8 @@ class Verlet(Checkpointed):
         every = self.every if count % self.every == 0 else 1
         small, done = h / count, 0
         with clock.part("EVAL"):
-            self.pulled[0] = self.towed[0] = 0
+            for work in (self.pulled, self.towed):
+                write(work, np.zeros(self.pieces, dtype=self.exchange))
             if self.ramps:
                 held_at(0.0)
             wind = self._wind()
@@ -123,10 +127,10 @@ class Verlet(Checkpointed):
                         led += begun
                 self._go(small, steps, every, held, wind, ways)
                 done, wind = done + steps, self._wind()
-            measures, led = self.meter.measure(), led + float(self.towed[0])
+            measures, led = self.meter.measure(), led + float(np.sum(read(self.towed)))
             if led:
                 start = replace(start, energies={**start.energies, PULLS: start.energies[PULLS] + led})
-            work = Work(pins=float(self.pulled[0]) if moving else 0.0, gas=pumped)
+            work = Work(pins=float(np.sum(read(self.pulled))) if moving else 0.0, gas=pumped)
         evaluations = count + math.ceil(count / chunk)
         rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
         blown = h * max(0.0, -start.dissipation, -measures.dissipation)
@@ -203,8 +207,8 @@ class Verlet(Checkpointed):
                                 self.move(block, h, s, steps, every)
                             if self.phases.last(phase):
                                 if kind == MOVE:
-                                    self.lead(h, s, steps, index, projector, start, target)
-                                    self.tow(s, steps, soft, way)
+                                    self.lead(0, h, s, steps, index, projector, start, target)
+                                    self.tow(0, s, steps, soft, way)
                                     self.blow(s, steps, gust_x, gust_y, gust_z)
                                     following = FORCE
                                     if s == steps:
@@ -222,11 +226,13 @@ class Verlet(Checkpointed):
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.move(t // self.blocks.grain, h, s, steps, every)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.lead(h, s, steps, index, projector, start, target)
-            self.tow(s, steps, soft, way)
-            self.blow(s, steps, gust_x, gust_y, gust_z)
+        for piece in range(self.pieces):
+            self.lead(piece, h, s, steps, index, projector, start, target)
+            if piece == 0:
+                self.blow(s, steps, gust_x, gust_y, gust_z)
+        if ti.static(self.tows):
+            for piece in range(self.pieces):
+                self.tow(piece, s, steps, soft, way)
 
     @ti.func
     def compute(self, block, s, every):
@@ -269,10 +275,17 @@ class Verlet(Checkpointed):
                 self.model.v[i] = u + 0.5 * a * f
 
     @ti.func
-    def lead(self, h, s, steps, index: ti.template(), projector: ti.template(), start: ti.template(),
+    def share(self, piece, rows):
+        """(the first of a piece's rows, the end of them)."""
+        length = (rows + self.pieces - 1) // self.pieces
+        return ti.min(piece * length, rows), ti.min((piece + 1) * length, rows)
+
+    @ti.func
+    def lead(self, piece, h, s, steps, index: ti.template(), projector: ti.template(), start: ti.template(),
              target: ti.template()):
-        """Held directions to where they must be after substep s, exactly at the target after the last."""
-        for k in range(index.shape[0]):
+        """Held directions of a piece to where they must be after substep s, exactly at the target after the last."""
+        first, end = self.share(piece, index.shape[0])
+        for k in range(first, end):
             i = index[k]
             a, b = row(start, k), row(target, k)
             part = ti.min(1.0, (s + 1.0) / steps)
@@ -284,10 +297,10 @@ class Verlet(Checkpointed):
             self.model.v[i] += project(projector, k, along - self.model.v[i])
             change = project(projector, k, along - self.u[i])
             self.u[i] += change
-            self.pulled[0] = self.pulled[0] + self.model.m[i] * change.dot(along)  # an impulse, on the way that it goes
+            self.pulled[piece] = self.pulled[piece] + self.model.m[i] * change.dot(along)  # an impulse, on its way
 
     @ti.func
-    def tow(self, s, steps, soft: ti.template(), way: ti.template()):
+    def tow(self, piece, s, steps, soft: ti.template(), way: ti.template()):
         """Places that pull softly go on after substep s. Their work is that of f on their ways by the trapezoidal rule, as the
         kicks are on the cloth's; the first half of it is `_ways`'s."""
         if ti.static(self.tows):
@@ -295,12 +308,13 @@ class Verlet(Checkpointed):
                 part = 1.0
                 if s + 1 == steps:
                     part = 0.5
-                for k in range(soft.shape[0]):
+                first, end = self.share(piece, soft.shape[0])
+                for k in range(first, end):
                     i, way_k = soft[k], row(way, k) / steps
                     self.soft.place[i] += way_k
                     x = self.model.x[i]
                     ratio = self.soft.pull(i, x)[2]
-                    self.towed[0] = self.towed[0] + part * ratio * (self.soft.place[i] - x).dot(way_k)
+                    self.towed[piece] = self.towed[piece] + part * ratio * (self.soft.place[i] - x).dot(way_k)
 
     @ti.func
     def blow(self, s, steps, x, y, z):
