@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "scenes")]
 PACKAGE = ROOT / "taichi_cloth"
-WRAPPERS = {f"backend/{name}.py" for name in ("taichi_patches", "shared_kernels", "timing")}
+WRAPPERS = {f"backend/{name}.py" for name in ("launches", "taichi_patches", "shared_kernels", "timing")}
 CASES = {"`hang`, 51 x 51": ("hang", 50, 0.05), "`sphere_drape`, 36 cells": ("sphere_drape", 36, 0.3),
          "`layers`, 24 cells": ("layers", 24, 0.2)}  # name: scene, cells, simulated seconds before the step
 

@@ -13,7 +13,7 @@ COMPILER = "taichi_cloth/backend/compiler.py"
 ENVIRONMENT, COMPILERS = "tests/unit/test_environment.py", "tests/unit/test_compiler.py"
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
-SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/report.py"
+SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/assembler.py"
 COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
 
 MUTATIONS = (

@@ -90,13 +90,6 @@ class Share:
     lease: "Lease | None" = None
     swapped_out: np.ndarray | None = None
 
-    @property
-    def memory(self) -> np.ndarray:
-        """Its numbers where they lie, swapped in: see `Slot.numbers`."""
-        if self.lease is not None and self.lease.swapped_out:
-            self.lease.swap_in()
-        return self.slot.numbers
-
     def swap_in(self) -> None:
         """Puts its numbers into the slot from now on; those of the holder are copied out. Only used rows are copied."""
         holder, numbers = self.slot.holder, self.slot.numbers

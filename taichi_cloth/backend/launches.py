@@ -6,6 +6,7 @@ array that is not contiguous, a number of the wrong kind) go Taichi's way, and s
 or checks bounds.
 """
 
+import functools
 import time
 from collections.abc import Iterable
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from . import compiler, counting
 from .timing import compiling
 
+PACKAGE = __name__.split(".")[0]
 impl, kernel_impl, ndarray_type, primitive_types = compiler.private(
     "lang.impl", "lang.kernel_impl", "types.ndarray_type", "types.primitive_types")
 LARGEST = np.iinfo(np.int32).max  # numbers of an array that Taichi can tell apart
@@ -147,3 +149,40 @@ def of(kernel) -> Launcher:
     if not hasattr(kernel, "launcher"):
         kernel.launcher = Launcher(kernel)
     return kernel.launcher
+
+
+@functools.lru_cache(1024)  # asked for every node of a kernel's tree
+def belongs(module: str | None, package: str) -> bool:
+    """Whether a module of this name belongs to a package."""
+    return module is not None and module.split(".")[0] == package
+
+
+def own(module: str | None) -> bool:
+    """Whether it is one of this package."""
+    return belongs(module, PACKAGE)
+
+
+class Bound:
+    """A kernel of a class, bound to an instance where it is got from one."""
+
+    def __init__(self, kernel) -> None:
+        self.kernel = kernel
+        kernel._is_staticmethod = False
+
+    def __get__(self, owner, cls=None):
+        return self.kernel if owner is None else kernel_impl._BoundedDifferentiableMethod(owner, self.kernel)
+
+
+def called(original):
+    """A kernel's launch, with the numbers of its simulation in the fields."""
+
+    def call(self, *args, **kwargs):
+        if kwargs:
+            args = tuple(kernel_impl._process_args(self, args, kwargs))
+        if own(self.func.__module__):
+            return of(self).launch(args, original)
+        if SWAPS[0]:
+            of(self).swap_in(args)
+        return original(self, *args)
+
+    return call

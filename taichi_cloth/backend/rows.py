@@ -6,7 +6,7 @@ device a kernel hands over the rows that are asked for, not all that a field has
 
 import numpy as np
 
-from . import counting, field_pool, runtime
+from . import counting, field_pool, launches, runtime
 from .language import ti
 
 KINDS = {"f32": np.float32, "f64": np.float64, "i32": np.int32}  # of fields
@@ -31,14 +31,20 @@ def by_kernels() -> bool:
     return runtime.for_device() or not in_reach()
 
 
+def numbers(field) -> np.ndarray:
+    """All numbers of a field where they lie, those of its own simulation: see `field_pool.Slot.numbers`."""
+    launches.swap_in((field.share,))
+    return field.share.slot.numbers
+
+
 def read(field, which: np.ndarray | None = None) -> np.ndarray:
     """A copy of the rows of a field that `Fields` made, or of those that `which` (k,) names."""
     if by_kernels():
         out = _handed_over(field, which)
     elif which is None:
-        out = field.share.memory[: field.rows].copy()
+        out = numbers(field)[: field.rows].copy()
     else:
-        out = field.share.memory.take(which, axis=0)
+        out = numbers(field).take(which, axis=0)
     if counting.now is not None:
         counting.now.read(out.nbytes)
     return out
@@ -60,7 +66,7 @@ def write(field, data: np.ndarray) -> None:
     if counting.now is not None:
         counting.now.write(data.nbytes)
     if not by_kernels():
-        rows = field.share.memory[: len(data)]
+        rows = numbers(field)[: len(data)]
         rows[...] = data.reshape(rows.shape)
     else:
         _put(field, getattr(field, "n", 1), np.ascontiguousarray(data).reshape(-1))

@@ -15,8 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from . import compiler, counting, launches, shared_kernels
+from .launches import Bound, belongs, called, own
 
-PACKAGE = __name__.split(".")[0]
 NAME = compiler.chosen().name
 NEEDED = ("lang.impl:current_cfg", "lang.kernel_impl:AutodiffMode", "lang.kernel_impl:Kernel.materialize",
           "lang.kernel_impl:_BoundedDifferentiableMethod", "lang.kernel_impl:_process_args",
@@ -30,18 +30,8 @@ NOTES = [f"compiler {NAME} has no {' nor '.join(LACKS)}: each simulation compile
 ti, [kernel_impl] = compiler.language(), compiler.private("lang.kernel_impl")
 
 
-@functools.lru_cache(1024)  # asked for every node of a kernel's tree
-def _of(module: str | None, package: str) -> bool:
-    """Whether a module of this name belongs to a package."""
-    return module is not None and module.split(".")[0] == package
-
-
-def _own(module: str | None) -> bool:
-    return _of(module, PACKAGE)
-
-
 def _own_or_taichi(module: str | None) -> bool:
-    return _own(module) or _of(module, NAME)
+    return own(module) or belongs(module, NAME)
 
 
 def _get_pos_info(original):
@@ -50,9 +40,9 @@ def _get_pos_info(original):
 
     def position(context, node) -> str:
         function = context.func.func
-        if _own(function.__module__):
+        if own(function.__module__):
             return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {function.__name__}:\n'
-        if not _of(function.__module__, NAME):
+        if not belongs(function.__module__, NAME):
             return original(context, node)
         key = function, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset
         if key not in known:
@@ -85,22 +75,11 @@ def _get_traceback(original):
 
     def traceback(stacklevel: int = 1) -> str:
         frame = sys._getframe(1)
-        while frame.f_back is not None and _of(frame.f_globals.get("__name__"), NAME):
+        while frame.f_back is not None and belongs(frame.f_globals.get("__name__"), NAME):
             frame = frame.f_back
-        return "" if _own(frame.f_globals.get("__name__")) else original(stacklevel + 1)
+        return "" if own(frame.f_globals.get("__name__")) else original(stacklevel + 1)
 
     return traceback
-
-
-class _Bound:
-    """A kernel of a class, bound to an instance where it is got from one."""
-
-    def __init__(self, kernel) -> None:
-        self.kernel = kernel
-        kernel._is_staticmethod = False
-
-    def __get__(self, owner, cls=None):
-        return self.kernel if owner is None else kernel_impl._BoundedDifferentiableMethod(owner, self.kernel)
 
 
 def _data_oriented(original):
@@ -112,30 +91,15 @@ def _data_oriented(original):
     def data_oriented(cls):
         original(cls)
         inner = [getattr(member, "fget", getattr(member, "__func__", None)) for member in vars(cls).values()]
-        if not _own(cls.__module__) or any(hasattr(function, "_is_wrapped_kernel") for function in inner):
+        if not own(cls.__module__) or any(hasattr(function, "_is_wrapped_kernel") for function in inner):
             return cls
         del cls.__getattribute__
         for name, member in list(vars(cls).items()):
             if getattr(member, "_is_classkernel", False):
-                setattr(cls, name, _Bound(member))
+                setattr(cls, name, Bound(member))
         return cls
 
     return data_oriented
-
-
-def _call(original):
-    """A kernel's launch, with the numbers of its simulation in the fields."""
-
-    def call(self, *args, **kwargs):
-        if kwargs:
-            args = tuple(kernel_impl._process_args(self, args, kwargs))
-        if _own(self.func.__module__):
-            return launches.of(self).launch(args, original)
-        if launches.SWAPS[0]:
-            launches.of(self).swap_in(args)
-        return original(self, *args)
-
-    return call
 
 
 def _swapped_in(original):
@@ -174,7 +138,7 @@ READ = (  # how sources are read and messages made: owner, name and what makes t
     ("lang.kernel_impl", "getsourcelines", _cached), ("lang.kernel_impl", "getsourcefile", _cached),
     ("lang._func_base", "get_source_info_and_src", _cached), ("lang.kernel_impl", "textwrap", _lines),
     ("lang._func_base", "textwrap", _lines))
-LAUNCH = (("", "data_oriented", _data_oriented), ("lang.kernel_impl:Kernel", "__call__", _call),
+LAUNCH = (("", "data_oriented", _data_oriented), ("lang.kernel_impl:Kernel", "__call__", called),
           ("lang.field:Field", "_initialize_host_accessors", _swapped_in),
           *((place, f"_try_native_dense_{name}", _swapped_in)  # taichi_forge copies whole fields without a kernel
             for place in ("lang.field:ScalarField", "lang.matrix:MatrixField")

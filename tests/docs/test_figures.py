@@ -27,7 +27,7 @@ SAID = (
     ("theory/layers.md", "k = {:g}\\,\\frac{{m}}{{(1/60\\,\\text{{s}})^2}}", "contact/cloth/pair_kernels.py", "PRESS"),
     ("theory/layers.md", "more than ${:g}\\,R$ a second", "contact/solid/pairs.py", "SETTLING"),
     ("theory/layers.md", "${:g}\\,m/h^2$", "contact/cloth/pair_kernels.py", "STOP"),
-    ("theory/layers.md", "(at most {:g} times)", "contact/cloth/firmness.py", "STIFFEST"),
+    ("theory/layers.md", "(at most {:g} times)", "contact/cloth/contact_pairs.py", "STIFFEST"),
     ("theory/layers.md", "within {:.0%} of all forces", "contact/cloth/layers.py", "AGREED"),
     ("theory/layers.md", "d_f + {:g}\\,(d_0 - d_f)", "contact/cloth/narrow_phase.py", "KEEP"),
     ("theory/layers.md", "rest for {:g} s", "contact/solid/penetration.py", "SPARED"),

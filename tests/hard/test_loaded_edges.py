@@ -5,7 +5,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.firmness import BORNE, FIRMEST, GIVE, SOFTER, TIMES, Firmness
+from taichi_cloth.contact.solid.pairs import BORNE, FIRMEST, GIVE, SOFTER, TIMES, Firmness
 
 T, DEPTH, DOWN = 0.003, 0.04, 0.3
 

@@ -12,7 +12,7 @@ from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
 from taichi_cloth.contact.cloth import barrier as repulsion
-from taichi_cloth.contact.cloth.firmness import Firmness
+from taichi_cloth.contact.cloth.contact_pairs import Firmness
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, LED, OWN, POTENTIAL, RUBBED, STIFF
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap

@@ -9,7 +9,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.errors import BackendError
-from taichi_cloth.system.report import HostReport, Report
+from taichi_cloth.system.assembler import HostReport, Report
 
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(5e-5))

@@ -28,8 +28,7 @@ from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR
 from .broad_phase import ROUNDING
-from .contact_pairs import Comparison, ContactPairs, LinearizedPairs
-from .firmness import CLOSE, Firmness
+from .contact_pairs import CLOSE, Comparison, ContactPairs, Firmness, LinearizedPairs
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
@@ -218,6 +217,8 @@ class Layers(Checkpointed):
     def stop_short(self) -> None:
         """The model went a part of its way only: pairs with little room left get stiffer, where the solve had taken those that
         stopped it."""
+        if not len(self.blocking):
+            return
         p, compared, blocks = self.near, self.compared, np.zeros(self.model.n, dtype=bool)
         assert compared is not None
         blocks[self.detector.mesh.particles_of(self.blocking).ravel()] = True

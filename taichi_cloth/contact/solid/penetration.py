@@ -10,11 +10,12 @@ vertices of triangles that cross a solid, and are not pinched, are raised slowly
 import numpy as np
 
 from ...system.checkpoint import Checkpointed
+from ...system.held import pinned_particles
 from ..points import among
 from ..step_start import StepStart
 from .pairs import LEAST, PAIR, Pairs, left
 from .query import Nearby, Scanner
-from .room import has_room, pinned_particles, walls
+from .room import has_room, walls
 from .vertices import VertexContacts
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round

@@ -99,8 +99,7 @@ class Scanner:
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
         self.tree = self.surfaces = self.pairs = self.crossings = None
         if poking:
-            from .crossing import CrossingCounter
-            from .mesh import PairDetector, SurfaceDetector
+            from .mesh import CrossingCounter, PairDetector, SurfaceDetector
 
             self.tree = TriangleTree(fields, scene, poking, model.origin, longest)
             self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
@@ -164,8 +163,8 @@ class Scanner:
     def set_time(self, t: float, h: float) -> None:
         """Poses of the solids at the two ends of the step from t to t + h [s]."""
         self.time = t + h
-        for row, solid in zip(self.poses, self.solids):
-            if solid.moves:
+        for row, solid, moves in zip(self.poses, self.solids, self.moves):
+            if moves:
                 row[:] = self._pose(solid, t) + self._pose(solid, t + h)
         if self.tree is not None:
             self.tree.set_time(t, h)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...system.held import Held
 from .pairs import Pairs
 from .vertices import VertexContacts
 
@@ -40,14 +39,6 @@ def walls(found: VertexContacts, near: Pairs | None, x: np.ndarray, thickness: n
     if near is not None:
         parts.append((near.vertices, near.solid, near.point - near.distance[:, None] * near.normal, near.normal))
     return Walls(*(np.concatenate(rows) for rows in zip(*parts)))
-
-
-def pinned_particles(pins: Held | None, n: int) -> np.ndarray:
-    """(n,) whether pins hold all directions of a particle."""
-    out = np.zeros(n, dtype=bool)
-    if pins is not None:
-        out[pins.index] = np.trace(pins.projector, axis1=1, axis2=2) > 2.5
-    return out
 
 
 def has_room(rows: np.ndarray, faces: np.ndarray, around: Walls, thickness: np.ndarray, yields: np.ndarray,

@@ -16,17 +16,16 @@ from ...backend.fields import Fields
 from ...options import USUAL
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
+from ...system.held import pinned_particles
 from ...system.place import Place
 from ...system.state import ParticleState
 from ..points import Points, rows_of
 from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
-from .firmness import Firmness
-from .pairs import PAIR, PRESS, Pairs, Step, inertia, press
+from .pairs import PAIR, PRESS, Firmness, Pairs, Step, inertia, press
 from .penetration import Penetration
 from .pinch import Pinches
 from .query import Nearby, Scanner
-from .room import pinned_particles
 from .sliding import Sliding
 from .vertices import VertexContacts
 

@@ -26,7 +26,7 @@ from ..nonlinear.effort import Effort
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
 from ..nonlinear.system import System
-from ..pump import Pump
+from ..prescribed import Pump
 
 
 class BackwardEuler(Checkpointed):

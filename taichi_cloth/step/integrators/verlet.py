@@ -29,7 +29,7 @@ from ...system.state import ParticleState
 from ..attempt import ENERGY, NOT_FINITE, Attempt
 from ..choice import SAFETY, stable_step
 from ..ledger import Work, gained, many_steps, with_attachments
-from ..pump import Pump
+from ..prescribed import Pump
 
 SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
