@@ -82,7 +82,7 @@ def scenes() -> str:
 
 def record() -> str:
     """A row for each number that a step leaves in `Simulation.log` and in telemetry.jsonl."""
-    node = _class("step/stepper", "StepRecord")
+    node = _class("step/records", "StepRecord")
     meaning = _arguments(ast.get_docstring(node) or "", "Attributes:")
     names = [a.target.id for a in node.body if isinstance(a, ast.AnnAssign) and isinstance(a.target, ast.Name)]
     return _table(("name", "meaning"), [[f"`{name}`", meaning.get(name, "")] for name in names])

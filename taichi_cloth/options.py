@@ -15,17 +15,12 @@ EXPLICIT = ("verlet",)
 PRECONDITIONERS = ("auto", "multilevel", "block_jacobi", "jacobi", "none")
 SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
 USUAL = 1 / 60  # s: with larger steps, contact is as stiff, and tried in as small steps, as with that one
-H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, if it is not given
+H_MIN_FACTOR = 4096.0  # h_min is the less of h and USUAL over this, if it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
 MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
 MOST_FRAMES = 10_000_000  # of a run: more have no end
 APART = (*MACHINE, "h", "h_min", "count_intersections", "log")  # a record has steps as control keeps them; the last two
 # decide nothing
-
-
-def usual(h: float) -> float:
-    """The step [s] that contact goes by where the largest is h."""
-    return min(h, USUAL)
 
 
 def _option(default: Any, kind: str, meaning: str, flag: str | None = None, unit: str = "", **bounds: Any) -> Any:

@@ -48,7 +48,7 @@ SURFACES = "taichi_cloth/contact/solid/mesh.py"
 NEARBY = "taichi_cloth/contact/solid/pair_candidates.py"
 TREE = "taichi_cloth/contact/solid/tree.py"
 SCAN = "taichi_cloth/contact/solid/query.py"
-TOUCH = "taichi_cloth/contact/contact_force.py"
+TOUCH = "taichi_cloth/contact/points.py"
 CLOSEST = "taichi_cloth/contact/geometry.py"
 CROSSING = "taichi_cloth/contact/solid/mesh.py"
 ROWS = "taichi_cloth/contact/points.py"
@@ -237,7 +237,7 @@ MUTATIONS = (
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),
     (RESPONSE, "return self.penetration.look_across() and self.may_shrink()", "return False", "crossings reject no step",
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),
-    (STEP, "return self.h <= usual(self.h_usual) / SMALLER", "return self.h <= self.h_usual * SMALLER",
+    (STEP, "return self.h <= min(self.h_usual, USUAL) / SMALLER", "return self.h <= self.h_usual * SMALLER",
      "every step is the smallest",
      f"{HARD} {DRIVES}"),
     (ROOM, "near = between < thickness", "near = between < 1e9 + thickness", "solids far apart leave no room",

@@ -12,7 +12,7 @@ SLABS = "tests/unit/test_ordering.py::test_what_lies_on_each_other_is_in_one_blo
 PROXIMAL = "tests/unit/test_proximal.py"
 TESTS = (SOLVE, LEVELS)
 
-PCG, MULTI, AGES = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py", "taichi_cloth/solver/age.py"
+PCG, MULTI, COARSEST = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py", "taichi_cloth/solver/coarse.py"
 HATS = "taichi_cloth/solver/hierarchy.py"
 POINT, LATTICE = "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/lattice.py"
 HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/operator.py"
@@ -36,7 +36,7 @@ MUTATIONS = (
     (HELD, "out[a] += ti.cast(projector[k, a, b], float) * x[b]",
      "out[a] += ti.cast(projector[k, a, a], float) * x[b] * (a == b)",
      "directions that are not axes are held by their components", f"{DENSE} {REFERENCE}"),
-    (HELD, "values = np.einsum(\"adi,ai->ad\", basis[index == p], goals).reshape(-1)",
+    ("taichi_cloth/system/held.py", "values = np.einsum(\"adi,ai->ad\", basis[index == p], goals).reshape(-1)",
      "values = np.einsum(\"adi,ai->ad\", basis[index == p], 0 * goals).reshape(-1)", "a particle that two pins hold goes to 0",
      f"{SOLVE}::test_what_two_pins_hold_in_one_direction_each_stays_in_both"),
     (HELD, "self.dv[i] = way / c", "self.dv[i] = way", "what is led in a stage goes by the distance, not by a speed",
@@ -68,14 +68,14 @@ MUTATIONS = (
     (MULTI, "self.counts[n] / size * sym(sym_unpack(D).inverse())", "self.counts[n] * sym(sym_unpack(D).inverse())",
      "nodes are not scaled back",
      DIAGONAL),
-    (AGES, "self.excess + iterations - (1 + SLACK) * self.cost, 0.0)", "self.excess, iterations - self.cost, 0.0)",
+    (COARSEST, "self.excess + iterations - (1 + SLACK) * self.cost, 0.0)", "self.excess, iterations - self.cost, 0.0)",
      "what drifts is not summed up", DRIFT),
-    (AGES, "max(self.excess + iterations - (1 + SLACK) * self.cost, 0.0)", "self.excess + max(iterations - self.cost, 0.0)",
+    (COARSEST, "max(self.excess + iterations - (1 + SLACK) * self.cost, 0.0)", "self.excess + max(iterations - self.cost, 0.0)",
      "what comes and goes counts as drift", DRIFT),
-    (AGES, "self.excess <= WORTH", "True", "levels last for ever", AGE),
-    (AGES, "if np.count_nonzero(wanted != self.made_for) > most:", "if False:", "levels last though others are held",
+    (MULTI, "self.excess <= WORTH", "True", "levels last for ever", AGE),
+    (MULTI, "if np.count_nonzero(wanted != self.made_for) > most:", "if False:", "levels last though others are held",
      f"{LEVELS}::test_levels_in_contact"),
-    (AGES, "or wanted[-1] != self.made_for[-1]:", "or False:", "levels last though the step is another", AGE),
+    (MULTI, "or wanted[-1] != self.made_for[-1]:", "or False:", "levels last though the step is another", AGE),
     (MULTI, "if anew or self.has_contact:", "if anew:", "levels that last know nothing of what now touches",
      f"{LEVELS}::test_levels_in_contact"),
     (LATTICE, "(np.ptp(column) + 1) + column", "np.ptp(column) + column", "nodes of other places are one", NEST),

@@ -14,7 +14,7 @@ from ..recording import record
 from ..recording.resuming import run_of
 from ..scene.scene import Scene
 from ..simulation import Simulation
-from ..step.stepper import StepRecord
+from ..step.records import StepRecord
 from .interrupts import after_this_frame
 from .progress import progress
 from .runoptions import RunOptions

@@ -5,7 +5,6 @@ memory (a random order costs several times the run time). Each block owns a cont
 only to those, so elements on a border between blocks are stored once for each of their owners.
 """
 
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -93,48 +92,3 @@ def block_bounds(n: int, count: int) -> np.ndarray:
 
 
 SLAB = 1024  # vertices that are numbered together where sheets may lie on each other
-FEW = 32  # blocks that are gone through one by one
-
-
-@dataclass(frozen=True)
-class Entries:
-    """Elements as the blocks store them: `element[first[b]:first[b + 1]]` are those that touch block b, from `shared[b]` on
-    those that touch another too.
-
-    Attributes:
-        element: (entries,) index of the element.
-        first: (blocks + 1,).
-        shared: (blocks,).
-        primary: (entries,) whether the block is the one that counts the element in sums.
-    """
-
-    element: np.ndarray
-    first: np.ndarray
-    shared: np.ndarray
-    primary: np.ndarray
-
-
-def touching(vertices: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(elements with vertices (m, k) that touch each of the blocks with the given bounds, one block's after the other's;
-    (blocks + 1,) where each block's begin)."""
-    if len(bounds) - 1 <= FEW:
-        parts = [np.flatnonzero(((vertices >= low) & (vertices < high)).any(axis=1)) for low, high in zip(bounds, bounds[1:])]
-        return np.concatenate(parts), np.cumsum([0, *(len(p) for p in parts)])
-    m = len(vertices)
-    owner = np.searchsorted(bounds, vertices, side="right") - 1
-    code = distinct_numbers((owner * m + np.arange(m)[:, None]).ravel())
-    return code % m, np.searchsorted(code // m, np.arange(len(bounds)))
-
-
-def partition(vertices: np.ndarray, bounds: np.ndarray) -> Entries:
-    """Entries of elements with vertices (m, k), already renumbered, for blocks with the given bounds.
-
-    A block's are in the order of their vertices, those that it shares last.
-    """
-    blocks = len(bounds) - 1
-    owner = np.searchsorted(bounds, vertices, side="right") - 1
-    element, first = touching(vertices, bounds)
-    block, common = np.repeat(np.arange(blocks), np.diff(first)), owner.min(axis=1) != owner.max(axis=1)
-    element = element[np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), common[element], block))]
-    shared = first[1:] - np.bincount(block, common[element], blocks).astype(np.int64)
-    return Entries(element, first, shared, owner[element].min(axis=1) == block)

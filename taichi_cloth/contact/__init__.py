@@ -1,8 +1,8 @@
 """Contact with solids and between layers of cloth: detection, and the response inside the solve. [BW98 §5, §6]
 
 - `geometry`: closest points of points, edges and triangles; `pair_geometry`: of many pairs.
-- `contact_force`: terms of contacts in the linear system besides held directions; `points`: its points of contact, and
-  the arithmetic of its rows.
+- `points`: points of contact, the terms of contacts in the linear system besides held directions, and the arithmetic of its
+  rows.
 - `contacts`: all this as a step sees it: the particles held in the next solve, whether it settled, forces, checkpoints;
   `step_start`: where an attempt begins, and how many solves it will hardly do with.
 - `solid/`: cloth against solids. `vertices` and `mesh` detect, over the step, vertices of cloth that meet analytic solids

@@ -12,8 +12,7 @@ from ..system.cones import Cones
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
-from .contact_force import ContactForce
-from .points import Points
+from .points import ContactForce, Points
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..options import usual
+from ..options import USUAL
 from ..system.base import Base
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
@@ -81,12 +81,12 @@ class StepStart:
     @cached_property
     def small(self) -> bool:
         """Whether the step is so small that smaller ones do not help where there is no room."""
-        return self.h <= usual(self.h_usual) / SMALLER
+        return self.h <= min(self.h_usual, USUAL) / SMALLER
 
     @cached_property
     def smallest(self) -> bool:
         """Whether there is hardly a smaller step to try."""
-        return self.h <= usual(self.h_usual) / SMALLEST
+        return self.h <= min(self.h_usual, USUAL) / SMALLEST
 
 
 class Foresight(Checkpointed):

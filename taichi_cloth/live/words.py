@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # a page starts before Taichi is imported
-    from ..step.stepper import StepRecord
+    from ..step.records import StepRecord
     from .session import Session
 
 COSTLY = 3  # steps that are named

@@ -16,8 +16,7 @@ from ..output.picture import Artist, contact_sheet, surfaces
 from ..output.plot import line_plot
 from ..output.png import encode_png
 from ..output.recording import Recording
-from ..step.stepper import StepRecord
-from ..step.tally import Tally
+from ..step.records import StepRecord, Tally
 from .drawing import frames_of
 from .playback import spread
 from .why import costliest

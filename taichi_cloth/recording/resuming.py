@@ -7,7 +7,7 @@ import sys
 from ..errors import OutputError, SceneError
 from ..output.recording import Recording
 from ..simulation import Simulation
-from ..step.stepper import StepRecord
+from ..step.records import StepRecord
 
 DECIDES = ("taichi_cloth", "scene", "source", "settings", "fps", "simulation", "runtime")
 

@@ -5,8 +5,8 @@ from typing import Any
 
 from ..errors import OutputError
 from ..output.recording import Recording
+from ..step.records import Trouble
 from ..step.stepper import ADVICE
-from ..step.trouble import Trouble
 
 
 def costliest(recording: Recording, count: int = 10) -> str:

@@ -14,7 +14,7 @@ from ..backend.language import ti
 from ..backend.ordering import components
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
-from ..options import BY_NAME, EXPLICIT, H_MIN_FACTOR, MACHINE, Options, usual
+from ..options import BY_NAME, EXPLICIT, H_MIN_FACTOR, MACHINE, USUAL, Options
 from ..scene.cloth import Cloth
 from ..scene.mesh import borders_of, open_note
 from ..scene.scene import Scene
@@ -23,9 +23,8 @@ from ..solver.pcg import Solution
 from ..step import integrators
 from ..step.choice import SAFETY, choose
 from ..step.prescribed import Prescribed
-from ..step.stepper import Control, Stepper, StepRecord
-from ..step.tally import Tally
-from ..step.trouble import Locator
+from ..step.records import Locator, StepRecord, Tally
+from ..step.stepper import Control, Stepper
 from ..system.assembler import Assembler
 from ..system.elements import lumped_mass
 from ..system.operator import ForceField, Operator, Probe
@@ -51,7 +50,7 @@ class Parts:
         asked = Options() if options is None else checks.instance("options", options, Options)
         asked = Options.named({**vars(asked), **({} if h is None else {"h": h}), **named})
         bound, h = asked.h is not None, asked.h or H
-        self.control = Control(h, asked.h_min or usual(h) / H_MIN_FACTOR, asked.adaptive, asked.stretch_limit)
+        self.control = Control(h, asked.h_min or min(h, USUAL) / H_MIN_FACTOR, asked.adaptive, asked.stretch_limit)
         if asked.preconditioner == "auto" and asked.K == "paper":  # an indefinite matrix has indefinite levels
             asked = replace(asked, preconditioner="block_jacobi")
         self.options = asked

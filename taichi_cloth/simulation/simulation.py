@@ -23,7 +23,7 @@ from ..scene.load import Force, Load
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
 from ..scene.solids import Prop, Solid
-from ..step.stepper import StepRecord
+from ..step.records import StepRecord
 from ..system.checkpoint import VERSION, Checkpointed, below, numbered, understood, unknown
 from .queries import Queries
 

@@ -19,16 +19,45 @@ from ..backend.rows import read, write
 from ..forces.conditions import sym_scaled_identity
 from ..system.checkpoint import Checkpointed
 from ..system.operator import Operator
-from .age import Drift
 from .dense import inverted, inverted_in_part
 from .galerkin import Hats, colored, coupled
 from .lattice import Level
 from .pointwise import Pointwise
 
 FEW, MOST, SHARE = 128, 200, 30  # nodes of a level that is solved exactly: a part of the particles' number, within bounds
+FIRST, SLACK = 8, 0.1  # solves whose mean others are held against, and part by which these may need more
 PROBE = 3  # iterations that a product with hats costs: Q^T A_0 Q is found anew when age has cost as many as all of them
 OLD = 100  # solves after which it is found anew in any case: `Drift` does not show a slow rise
 LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
+
+
+class Drift(Checkpointed):
+    """How many iterations more solves need than they did at first, as a cumulative sum. [Page 1954]
+
+    Contacts come and go, and solves need more or fewer iterations by them, with any preconditioner. Such changes around the
+    same mean cancel in the sum; a lasting rise does not.
+
+    Attributes:
+        age: solves in all; solves, cost: so many, and the mean iterations of the first of them; excess: iterations beyond.
+    """
+
+    STATE = ("age", "solves", "cost", "excess")
+
+    def __init__(self) -> None:
+        self.age, self.solves, self.cost, self.excess = 0, 0, 0.0, 0.0
+
+    def begin(self) -> None:
+        """The next solves are the first from now on."""
+        self.solves, self.cost = 0, 0.0
+
+    def count_iterations(self, iterations: int) -> None:
+        """Counts the iterations of a solve."""
+        self.age += 1
+        self.solves += 1
+        if self.solves <= FIRST:
+            self.cost += (iterations - self.cost) / self.solves
+        else:
+            self.excess = max(self.excess + iterations - (1 + SLACK) * self.cost, 0.0)
 
 
 @ti.data_oriented

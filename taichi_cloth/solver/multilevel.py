@@ -25,7 +25,6 @@ from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
-from .age import Age
 from .coarse import Coarse, most_nodes
 from .hierarchy import Hierarchy, LevelFields
 from .lattice import coordinates, levels
@@ -34,7 +33,55 @@ from .pointwise import Pointwise
 COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; 1 for a level solved exactly
 ALIKE = 0.02, 0.1  # parts of all particles, and of those then held, that others may be held of, where contact holds them
 MOST_EXACT = 1000  # nodes of a level that is solved exactly: the time grows with their cube, here to seconds
+WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
+LONGEST = 31  # solves in which levels are made anew every time, after they have not lasted
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
+
+
+class Age(Checkpointed):
+    """Whether levels that were made for an earlier system do for this one.
+
+    Attributes:
+        made_for: (k,) numbers that describe the held particles then, and the effective step c [s] last.
+        cost, excess: iterations when they were new, and those beyond since; kept: solves since.
+        wait, pause: solves until they may last again, and the last such pause.
+    """
+
+    STATE = ("made_for", "cost", "excess", "kept", "wait", "pause")
+
+    def __init__(self) -> None:
+        self.made_for: np.ndarray = np.zeros(0)
+        self.cost = self.excess = self.kept = self.wait = self.pause = 0
+
+    def allows(self, wanted: np.ndarray, most: float = 0.0) -> bool:
+        """Whether the levels serve one more solve.
+
+        Args:
+            wanted: (k,) as `made_for`, for the new system; the last must be the same.
+            most: how many of the others may differ.
+        """
+        if len(wanted) != len(self.made_for) or wanted[-1] != self.made_for[-1]:
+            return False
+        if np.count_nonzero(wanted != self.made_for) > most:
+            return False
+        if not self.wait and self.excess <= WORTH:
+            self.kept += 1
+            return True
+        if self.wait:
+            self.wait -= 1
+        else:  # levels that did not last for two steps are not kept again at once
+            self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
+            self.wait = self.pause
+        return False
+
+    def begin(self, made_for: np.ndarray) -> None:
+        """The levels are made anew."""
+        self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
+
+    def count_iterations(self, iterations: int) -> None:
+        """Counts the iterations of a solve."""
+        self.cost = self.cost or iterations
+        self.excess += max(iterations - self.cost, 0)
 
 
 @ti.data_oriented

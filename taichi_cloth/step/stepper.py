@@ -2,19 +2,18 @@
 
 import json
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from .. import checks
 from ..backend.timing import compiling
 from ..errors import SceneError, SimulationError
 from ..options import LONGEST, SHORTEST
-from ..renamed import old_names
 from ..system.assembler import Assembler, Measures
 from ..system.checkpoint import Checkpointed
 from ..system.state import ParticleState
 from .attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
-from .trouble import Locator, Trouble
+from .records import Locator, StepRecord, Trouble
 
 CAREFUL = 0.9  # part of the step that error control thinks possible
 SLOW = 4  # solves from which a step is told of with its place
@@ -60,72 +59,6 @@ class Control:
             raise SceneError(f"h_min = {self.h_min:g} s: must be at most h = {self.h_max:g} s")
         checks.number("stretch_limit", self.stretch_limit, positive=True)
         checks.flag("adaptive", self.adaptive)
-
-
-@old_names
-@dataclass(slots=True)
-class StepRecord:
-    """One accepted step, for the log and for telemetry.
-
-    Attributes:
-        t: time at its end [s].
-        h: size [s].
-        iterations: CG iterations of all its solves.
-        solves: number of linear solves.
-        residual: relative residual of its worst solve, preliminary ones apart.
-        status: of its worst solve; "EXPLICIT" where there is none; a rejection's name in fixed-step mode.
-        rejections: name -> count, of the attempts before it.
-        energies: J by term at its end.
-        stretch: largest |w|/b.
-        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included; compiling: the part of it
-            in first launches of kernels.
-        contacts: number of contacts with solids at its end.
-        unconverged_contacts: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
-            many pairs of cloth not on their forces.
-        contact_error: impulses that contacts with solids miss by Coulomb's law, as a part of all that act: weight, contact,
-            pins, changes of momentum.
-        solid_intersections: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
-        layers: pairs of cloth in contact with cloth; min_gap_ratio: the smallest distance of any over the distance to keep.
-        known_intersections: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
-            for those beside a seam that is still apart.
-        pinched: particles to which solids leave no room: layers that were let go, and those that no step gets smaller for.
-        intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
-            where that was not asked for.
-        evaluations: of the forces, by an explicit method.
-        error: estimated, over the error that the tolerance allows in this step; 0 without a tolerance.
-        fallback_reason: why the default method redid the step by backward Euler; "" where it did not.
-        opened: stitches of seams that are open at its end, of all.
-        gas: (volume [m^3], pressure over that outside [Pa]) of each gas, by name.
-        ledger: J by name, works and losses of this step: see `ledger.Ledger`.
-        troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
-    """
-
-    t: float
-    h: float
-    iterations: int
-    solves: int
-    residual: float
-    status: str
-    rejections: dict[str, int]
-    energies: dict[str, float]
-    stretch: float
-    seconds: dict[str, float] = field(default_factory=dict)
-    contacts: int = 0
-    unconverged_contacts: int = 0
-    solid_intersections: int = 0
-    evaluations: int = 0
-    error: float = 0.0
-    fallback_reason: str = ""
-    layers: int = 0
-    min_gap_ratio: float = 1.0
-    known_intersections: int = 0
-    pinched: int = 0
-    intersections: int | None = None
-    opened: int = 0
-    ledger: dict[str, float] = field(default_factory=dict)
-    gas: dict[str, tuple[float, float]] = field(default_factory=dict)
-    troubles: tuple[Trouble, ...] = ()
-    contact_error: float = 0.0
 
 
 class Stepper(Checkpointed):

@@ -1,12 +1,13 @@
 """Particles and blocks as Taichi fields, in the order of `ordering`; users see their own order."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..backend.fields import Fields
 from ..backend.language import ti
-from ..backend.ordering import Entries, block_bounds, by_slabs, cuthill_mckee, partition
+from ..backend.ordering import block_bounds, by_slabs, cuthill_mckee, distinct_numbers
 from ..backend.rows import by_kernels, read, write
 from ..backend.runtime import TASK, Runtime
 from ..errors import MeshError, SceneError
@@ -17,6 +18,51 @@ FAR = 8.0  # further from the origin than this many times its size, a scene gets
 ROWS = 300  # vertices of a block from which on a CPU thread of its own pays
 GPU_BLOCK = 2, 16  # vertices a block on a GPU, one thread each: least and most
 GPU_BLOCKS = 4096  # of them that are wanted
+FEW = 32  # blocks that are gone through one by one
+
+
+@dataclass(frozen=True)
+class Entries:
+    """Elements as the blocks store them: `element[first[b]:first[b + 1]]` are those that touch block b, from `shared[b]` on
+    those that touch another too.
+
+    Attributes:
+        element: (entries,) index of the element.
+        first: (blocks + 1,).
+        shared: (blocks,).
+        primary: (entries,) whether the block is the one that counts the element in sums.
+    """
+
+    element: np.ndarray
+    first: np.ndarray
+    shared: np.ndarray
+    primary: np.ndarray
+
+
+def touching(vertices: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(elements with vertices (m, k) that touch each of the blocks with the given bounds, one block's after the other's;
+    (blocks + 1,) where each block's begin)."""
+    if len(bounds) - 1 <= FEW:
+        parts = [np.flatnonzero(((vertices >= low) & (vertices < high)).any(axis=1)) for low, high in zip(bounds, bounds[1:])]
+        return np.concatenate(parts), np.cumsum([0, *(len(p) for p in parts)])
+    m = len(vertices)
+    owner = np.searchsorted(bounds, vertices, side="right") - 1
+    code = distinct_numbers((owner * m + np.arange(m)[:, None]).ravel())
+    return code % m, np.searchsorted(code // m, np.arange(len(bounds)))
+
+
+def partition(vertices: np.ndarray, bounds: np.ndarray) -> Entries:
+    """Entries of elements with vertices (m, k), already renumbered, for blocks with the given bounds.
+
+    A block's are in the order of their vertices, those that it shares last.
+    """
+    blocks = len(bounds) - 1
+    owner = np.searchsorted(bounds, vertices, side="right") - 1
+    element, first = touching(vertices, bounds)
+    block, common = np.repeat(np.arange(blocks), np.diff(first)), owner.min(axis=1) != owner.max(axis=1)
+    element = element[np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), common[element], block))]
+    shared = first[1:] - np.bincount(block, common[element], blocks).astype(np.int64)
+    return Entries(element, first, shared, owner[element].min(axis=1) == block)
 
 
 @ti.data_oriented

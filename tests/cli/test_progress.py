@@ -14,7 +14,7 @@ import taichi_cloth as tc
 from taichi_cloth.app import progress as progress_module
 from taichi_cloth.app.progress import Left, in_words, progress
 from taichi_cloth.backend.timing import compiling
-from taichi_cloth.step.tally import Tally
+from taichi_cloth.step.records import Tally
 
 
 class ZMQInteractiveShell:

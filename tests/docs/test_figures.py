@@ -20,7 +20,7 @@ SAID = (
     ("theory/time.md", "(`h`/{:g},", "options.py", "H_MIN_FACTOR"),
     ("theory/solver.md", "`multilevel` from {:g} particles on", "solver/preconditioner.py", "WORTH_LEVELS"),
     ("theory/solver.md", "(up to {:g} times)", "solver/pcg.py", "RESTARTS"),
-    ("theory/solver.md", "age has cost {:g} iterations", "solver/age.py", "WORTH"),
+    ("theory/solver.md", "age has cost {:g} iterations", "solver/multilevel.py", "WORTH"),
     ("theory/solids.md", "k = {:g}\\,\\frac{{m}}{{h^2}}", "contact/solid/pairs.py", "PRESS"),
     ("theory/solids.md", "in steps {:g} times smaller", "contact/step_start.py", "SMALLER"),
     ("theory/solids.md", "{:g} s.", "contact/solid/penetration.py", "SPARED"),

@@ -33,7 +33,7 @@ def test_every_option_has_its_row():
 
 
 def test_every_number_of_a_step_is_explained():
-    from taichi_cloth.step.stepper import StepRecord
+    from taichi_cloth.step.records import StepRecord
 
     table = rows(site_pages.record())
     assert list(table) == [f.name for f in fields(StepRecord)]

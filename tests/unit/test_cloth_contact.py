@@ -14,7 +14,7 @@ from taichi_cloth.backend import rows, runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.timing import Clock
-from taichi_cloth.contact import contact_force
+from taichi_cloth.contact import points as contact_points
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW
 from taichi_cloth.contact.cloth.contact_pairs import ContactPairs
@@ -290,7 +290,7 @@ def test_room_for_points_of_contact_grows(monkeypatch):
 
     def run(room: int, may_be: int) -> tuple[np.ndarray, int, list[int]]:
         for name, value in (("ROOM", 0), ("SPARE", room), ("MOST", may_be)):
-            monkeypatch.setattr(contact_force, name, value)
+            monkeypatch.setattr(contact_points, name, value)
         with two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0), fabric=plain)[2] as sim:
             had = [sim.contacts.force.vertices.shape[0]]
             for _ in range(4):
@@ -752,7 +752,7 @@ assert not hasattr(sim.contacts.force, "turns") and sim.contacts.force.capacity 
     lines = done.stdout.splitlines()
     assert lines[-2] == ""  # of a scene without solids and contact
     some = set(lines[-1].split())
-    assert {"contact.contacts", "contact.contact_force"} <= some and not {m for m in some if m.startswith("contact.cloth")}
+    assert {"contact.contacts", "contact.points"} <= some and not {m for m in some if m.startswith("contact.cloth")}
     assert "contact.pair_geometry" not in some
     assert {m for m in some if m.startswith("step")} == {"step.nonlinear.solid_contact"}
 

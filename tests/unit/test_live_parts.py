@@ -30,7 +30,7 @@ from taichi_cloth.live.words import last_step
 from taichi_cloth.output.look import Heat
 from taichi_cloth.recording import record
 from taichi_cloth.recording.why import lasting
-from taichi_cloth.step.stepper import StepRecord
+from taichi_cloth.step.records import StepRecord
 
 
 def options(function) -> dict:

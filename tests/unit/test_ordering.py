@@ -5,7 +5,8 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.backend import ordering
-from taichi_cloth.backend.ordering import block_bounds, cuthill_mckee, partition
+from taichi_cloth.backend.ordering import block_bounds, cuthill_mckee
+from taichi_cloth.system.state import partition
 
 
 def test_order_is_a_permutation_with_small_bandwidth(rng):

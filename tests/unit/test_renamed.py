@@ -12,8 +12,7 @@ from taichi_cloth.forces.force import Force
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.renamed import RENAMED, UNTIL
 from taichi_cloth.step.ledger import Ledger
-from taichi_cloth.step.stepper import StepRecord
-from taichi_cloth.step.tally import Tally
+from taichi_cloth.step.records import StepRecord, Tally
 from taichi_cloth.studies.study import Row
 
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"

@@ -10,8 +10,7 @@ from taichi_cloth.app import cli
 from taichi_cloth.app.summary import describe, summary
 from taichi_cloth.recording.report import _energy, _trouble
 from taichi_cloth.step.ledger import Ledger
-from taichi_cloth.step.stepper import StepRecord
-from taichi_cloth.step.tally import Tally
+from taichi_cloth.step.records import StepRecord, Tally
 
 
 def step(unaccounted: float = 0.0, **ledger: float) -> StepRecord:

@@ -221,7 +221,8 @@ class Scanner:
 
     def kept_by(self, pairs: Pairs) -> np.ndarray:
         """(k,) thickness [m] that pairs go by."""
-        return self.growth.of(pairs.vertices) * self.thickness[pairs.solid]
+        thickness = self.thickness[pairs.solid]
+        return self.growth.of(pairs.vertices) * thickness if self.growth.active else thickness
 
     def part_of(self, pairs: Pairs) -> np.ndarray:
         """(k,) how far pairs are from each other over the distance they should keep in the end."""
