@@ -110,11 +110,14 @@ class Contacts(Checkpointed):
         self.take(self.balance.rubs(self.base[1]), True)
 
     def take(self, rubs: Points | None, led: bool) -> bool:
-        """Points of a solve that begins at `base`: layers where they are part of the problem, friction of pinched particles,
-        pairs of edges, and `rubs`. False where there are more than there is room for.
+        """Linearizes contact for a solve that begins at `base`. Returns whether there is room for all of its points.
+
+        The points are those of friction of pinched particles, of pairs of edges, and of layers where these are part of the
+        problem.
 
         Args:
-            led: whether pairs are taken where held particles lead them, not where they are.
+            rubs: further points, of friction of particles that slide on solids.
+            led: whether pairs of edges are linearized with held particles at their targets. Else they are where they are.
         """
         self.others = Points.join(self.solids.take_others(self.base, led))
         points = [self.others] + ([] if rubs is None else [rubs])

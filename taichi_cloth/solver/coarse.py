@@ -96,19 +96,20 @@ class Coarse(Checkpointed):
         self.worth = PROBE * 3 * (int(self.colors.max()) + 1)  # iterations
         self._weighed: tuple[np.ndarray, np.ndarray] | None = None  # Q^T M Q, and the seams' labels that it is of
 
-    def make(self, span: float, contact) -> None:
-        """Prepares for a system as linearized with c = span [s], the effective step; reuses the old parts while they serve.
+    def make(self, c: float, contact) -> None:
+        """Prepares for the system A = M - c D - c^2 K as it is linearized; reuses the old parts while they serve.
 
         Args:
+            c: effective step [s].
             contact: field (n, 6) of diagonal blocks of contact, or None.
         """
         aged = self.span == 0 or self.drift.excess > self.worth or self.drift.age >= OLD
-        changed = abs(span - self.span) > 1e-3 * span
+        changed = abs(c - self.span) > 1e-3 * c
         if aged:
-            self.matrix, self.span, self.drift = self._matrix(), span, Drift()
+            self.matrix, self.span, self.drift = self._matrix(), c, Drift()
         elif changed:  # all but the masses are nearly in proportion to c^2
             M = self._masses()
-            self.matrix, self.span = M + (span / self.span) ** 2 * (self.matrix - M), span
+            self.matrix, self.span = M + (c / self.span) ** 2 * (self.matrix - M), c
             self.drift.begin()
         pressed = self._find_pressed(contact)
         if aged or changed or not np.array_equal(pressed, self.pressed):

@@ -43,8 +43,9 @@ class Age(Checkpointed):
 
     Attributes:
         made_for: (k,) numbers that describe the held particles then, and the effective step c [s] last.
-        cost, excess: iterations when they were new, and those beyond since; kept: solves since.
-        wait, pause: solves until they may last again, and the last such pause.
+        cost: iterations of the first solve with new levels; excess: iterations beyond that in all solves since; kept: these.
+        wait: solves for which levels are still made anew each time; pause: how many these were at first. The pause doubles
+            each time that levels did not last for two solves.
     """
 
     STATE = ("made_for", "cost", "excess", "kept", "wait", "pause")
@@ -69,7 +70,7 @@ class Age(Checkpointed):
             return True
         if self.wait:
             self.wait -= 1
-        else:  # levels that did not last for two steps are not kept again at once
+        else:  # levels that did not last for two solves are not kept again at once
             self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
             self.wait = self.pause
         return False
@@ -122,20 +123,25 @@ class Multilevel(Checkpointed):
             faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
             self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces, tell)
 
-    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
-        """Prepares for a system as linearized with c = span [s], the effective step. If `lasting`, levels are kept until they
-        have aged."""
-        self.jacobi.make(span, held)
+    def make(self, c: float, held: Held | None, lasting: bool = False) -> None:
+        """Prepares for the system A = M - c D - c^2 K as it is linearized.
+
+        Args:
+            c: effective step [s].
+            held: the held directions.
+            lasting: whether levels of an earlier system may serve until they have aged.
+        """
+        self.jacobi.make(c, held)
         if self.has_contact:
             self._contact_diagonal()
         if self.coarsest is not None:
-            self.coarsest.make(span, self.T if self.has_contact else None)
-        made_for = np.append(self._held_numbers(held), np.float32(span))  # without its last digits
+            self.coarsest.make(c, self.T if self.has_contact else None)
+        made_for = np.append(self._held_numbers(held), np.float32(c))  # without its last digits
         anew = not (lasting and self.age.allows(made_for, self._others()))
         if anew:
             self.age.begin(made_for)
         if anew or self.has_contact:
-            self._make_levels(span, int(anew))
+            self._make_levels(c, int(anew))
 
     def _others(self) -> float:
         """Number of particles that may have become held, or free, since the levels were made; levels still hold the latter."""

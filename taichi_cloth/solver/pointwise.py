@@ -39,8 +39,8 @@ class Pointwise(Checkpointed):
             P = sym_scaled_identity(self.operator.model.m[i])
         return P
 
-    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
-        """Prepares for a system as linearized with c = span [s], the effective step."""
+    def make(self, c: float, held: Held | None, lasting: bool = False) -> None:
+        """Prepares for the system A = M - c D - c^2 K as it is linearized, c the effective step [s]. Nothing here lasts."""
         if held is None:
             self.build(np.zeros(0, dtype=np.int32))
             return

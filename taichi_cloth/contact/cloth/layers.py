@@ -227,7 +227,7 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) which pairs end nearer than a step may leave them, and have not parted: after a rest they may begin nearer."""
+        """(k,) pairs that approached and end nearer than a step may leave them. A pair that parts may begin nearer."""
         p, was = self.near, (self.was - FLOOR) / (1 - FLOOR)
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
@@ -296,8 +296,10 @@ class Layers(Checkpointed):
         return len(four) > 0
 
     def release_beside(self, held: np.ndarray) -> bool:
-        """Deactivates for a while pairs that end nearer than a step may leave them. Either a particle rests, since a tangle
-        holds it; or one is pinched, and solids pinch or hold, `held` (n,), all of the pair. Whether the nearest is one.
+        """Deactivates for a while pairs that end too near and cannot part. Returns whether the nearest pair is one of these;
+        if not, none is deactivated.
+
+        A pair cannot part where a tangle holds a particle of it, or where one is pinched and solids hold, `held` (n,), all of it.
         """
         p, near = self.near, self._too_near()
         led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)

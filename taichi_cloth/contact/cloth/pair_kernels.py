@@ -99,7 +99,7 @@ class PairKernels:
                 repelled, _ = law(at, radius[k])
                 expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
             bears = weighed[MU, k] * expected
-            way = self.slide(slip, speed, bears, row[k], before)
+            way = self.slip_direction(slip, speed, bears, row[k], before)
             drag = bears / ti.max(speed, CREEP)
             out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
             ahead = n.dot(moved)
@@ -185,11 +185,12 @@ class PairKernels:
         return stiff * force + stop * (most - d), stiff * slope + stop
 
     @ti.func
-    def slide(self, slip, speed, bears, row, before: ti.template()):
-        """The direction of a pair's slip where friction is taken as its full size against it, and not as a damping; else 0.
+    def slip_direction(self, slip, speed, bears, row, before: ti.template()):
+        """Direction of the slip of a sliding pair; 0 for a pair that sticks.
 
-        A damping, by the slip that was last seen, never pushes backwards, and bounds friction's work from above. A pair
-        damped by more than friction can do slides, until it turns round.
+        Friction of a sliding pair has its full size, against that direction. Friction of one that sticks is a damping by its
+        last slip: it never pushes backwards, and bounds friction's work from above. A pair slides once the damping is more
+        than Coulomb's bound. It sticks again when its slip reverses.
         """
         way = 0 * slip
         if row >= 0 and bears > 0:

@@ -164,7 +164,7 @@ class SolidContacts(Checkpointed):
         """Friction of pinched particles, and pairs, for a solve that begins at base: positions and velocities, each (n, 3).
 
         Args:
-            led: whether pairs are taken where held particles lead them, not where they are.
+            led: whether pairs are linearized with held particles at their targets. Else they are where they are.
         """
         mass, start = self.model.mass, self.start
         rubbing = [self.pinches.rub(start, self.near.there, base[1])]

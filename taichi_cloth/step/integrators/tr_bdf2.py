@@ -160,7 +160,7 @@ class TRBDF2(Checkpointed):
         if ledger is None or measures is None or made.rejection not in (None, ENERGY) or self.options.cg_tol is not None:
             return made
         spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, measures)
-        gives = not self.stiffens_sharply and ledger.unaccounted > LEFT * self._counting(h) + spare
+        gives = not self.stiffens_sharply and ledger.unaccounted > LEFT * self._energy_scale(h) + spare
         if not (gives or (made.rejection is None and -ledger.unaccounted > LEFT * self.motion_1 + spare)):
             return made
         self.model.restore()
@@ -236,12 +236,13 @@ class TRBDF2(Checkpointed):
         self.system.loosen()
 
     def _scale(self, h: float, start: Measures, end: Measures) -> float:
-        """Energy [J] that counts in an attempt: of the motion, now or a while ago, and of a slow fall."""
+        """Energy [J] to which gains of an attempt are compared: kinetic energy, its largest of late, and gravity's work at
+        the speed FALL."""
         self.motion_1 = max(start.energies["kinetic"], end.energies["kinetic"], self.motion * math.exp(-h / LAPSE))
-        return self._counting(h)
+        return self._energy_scale(h)
 
-    def _counting(self, h: float) -> float:
-        """The same of the attempt that `_scale` looked at last."""
+    def _energy_scale(self, h: float) -> float:
+        """The same with the kinetic energy that `_scale` found last."""
         return self.motion_1 + self.weight * FALL * h
 
     def _effort(self, h: float) -> Effort:

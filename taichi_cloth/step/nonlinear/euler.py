@@ -208,7 +208,7 @@ class EulerStep(StepProblem):
         return abs(ledger.unaccounted) / max(through, 1e-300)
 
     def return_to(self, ended: tuple[Measures, Ledger]) -> Callable[[], Outcome]:
-        """A function that puts the model and its reactions back to their present state, and ends the step there."""
+        """Saves the present state and its reactions; the function returned restores them and accepts the step there."""
         system = self.system
         particles, rows = system.model.read_particles(), system.reaction_rows()
         tension = None if system.model.sewn is None else system.tension()
