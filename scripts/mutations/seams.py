@@ -122,7 +122,7 @@ MUTATIONS = (
     (COARSE, " or self.drift.age >= OLD", "", "the coarsest level grows old", FOUND_ANEW),
     (COARSE, "self._held + read(contact)", "self._held.copy()", "the coarsest level knows no contact", PRESSED),
     (COARSE, "H = stiffness * (", "H = 0 * (", "nor what is held", COARSEST),
-    (COARSE, "(c / self.span) ** 2", "(self.span / span) ** 2", "nor the step's size", OTHER_STEPS),
+    (COARSE, "(c / self.span) ** 2", "(self.span / c) ** 2", "nor the step's size", OTHER_STEPS),
     (COARSE, 'STATE = ("matrix", "inverse", "span", "pressed",', 'STATE = ("inverse", "span", "pressed",',
      "a resumed run finds another coarsest level", f"{SEAMS}::test_a_run_that_is_sewn_goes_on_bit_for_bit"),
     (HATS, "mean = np.bincount(index.ravel(), self.weight[~alone], len(code)) / size[code // self.count]",

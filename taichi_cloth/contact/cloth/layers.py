@@ -299,7 +299,7 @@ class Layers(Checkpointed):
         """Deactivates for a while pairs that end too near and cannot part. Returns whether the nearest pair is one of these;
         if not, none is deactivated.
 
-        A pair cannot part where a tangle holds a particle of it, or where one is pinched and solids hold, `held` (n,), all of it.
+        A pair cannot part where a tangle holds a particle of it, or where one is pinched and solids hold, `held` (n,), all.
         """
         p, near = self.near, self._too_near()
         led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)
