@@ -33,7 +33,6 @@ class Force(ABC):
         attached: (k, 3) particle, stiffness [N/m] and largest force [N] of its soft attachments; None if it never has any.
         low_rank: whether its matrix has a part of low rank, whose product takes sums over all of the cloth: `sum_up`,
             `add_low_rank`.
-        remembers: False where no step changes it, so that `accept` need not be called.
         dead_load: whether it has no derivative, and so is in b alone: no product and no level takes it.
         time_dependent_energy: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
@@ -51,7 +50,6 @@ class Force(ABC):
     of_contact: bool = False
     attached: np.ndarray | None = None
     low_rank: bool = False
-    remembers: bool = True
     dead_load: bool = False
     time_dependent_energy: bool = False
     indefinite: bool = False

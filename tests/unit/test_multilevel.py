@@ -8,7 +8,8 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.rows import read, write
-from taichi_cloth.solver import age
+from taichi_cloth.solver import multilevel
+from taichi_cloth.solver.coarse import Drift
 from taichi_cloth.solver.lattice import levels, squares
 from taichi_cloth.solver.multilevel import COUNTS, FADE
 from taichi_cloth.system.held import Held
@@ -118,7 +119,7 @@ def test_threads_agree():
 
 @pytest.mark.slow
 def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
-    monkeypatch.setattr(age, "WORTH", 500)
+    monkeypatch.setattr(multilevel, "WORTH", 500)
     sim = simulation(MESHES["sheet"], integrator="backward_euler")
     levels, made = sim.integrator.system.preconditioner, []
     build = levels._make_levels
@@ -139,7 +140,7 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
 
 def test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes(rng):
     """Solves of 60 +- 20 iterations stay 60 +- 20 for 200 solves; then they are 20 more, which is noticed in 60."""
-    drift, late = age.Drift(), 0
+    drift, late = Drift(), 0
     for noise in 20 * rng.permutation(np.tile([-1.0, 1.0], 100)):
         drift.count_iterations(60 + noise)
         late = max(late, drift.excess)
