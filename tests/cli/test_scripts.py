@@ -191,7 +191,7 @@ def test_a_step_goes_through_no_more_than_the_page_on_architecture_states(monkey
     monkeypatch.setattr(assembler, "FUSED", True)  # as outside of tests
     done = call_script(ROOT / "scripts" / "trace_step.py", "--calls")
     assert done.returncode == 0, done.stderr
-    for wrapper in ("taichi_patches.py: call", "launches.py: launch", "timing.py: part"):
+    for wrapper in ("launches.py: call", "timing.py: part"):
         assert done.stdout.count(f"-> backend/{wrapper}") >= 3, f"{wrapper} is part of a step"
     now, stated = (rows_of_steps(text) for text in (done.stdout, (ROOT / "docs" / "architecture.md").read_text()))
     assert "upward" not in done.stdout and len(now) == 3 and now.keys() == stated.keys()
