@@ -410,20 +410,18 @@ def test_a_step_in_which_layers_turn_out_to_meet_begins_anew():
     sim.close()
 
 
-@pytest.mark.parametrize("small, smallest, moving, part, released", [
-    (True, False, True, 0.5, True), (True, False, False, 0.5, False), (True, True, False, 0.5, True),
-    (False, False, True, 0.5, False), (True, True, True, 1.0, False)])
-def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, moving, part, released):
-    """In a small step against what is led, in the smallest whatever comes; nowhere else, and not what went all its way."""
+@pytest.mark.parametrize("smallest, part, released", [(False, 0.5, False), (True, 0.5, True), (True, 1.0, False)])
+def test_only_what_nothing_else_can_make_room_for_is_released(smallest, part, released):
+    """In the smallest of steps; nowhere else, and not what went all its way."""
     asked = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2,
+    step.layers = SimpleNamespace(release=lambda: asked.append(1) or True, off=3, least=0.2,
                                   intersections=SimpleNamespace(active=False))
-    step.contacts = SimpleNamespace(start=SimpleNamespace(small=small, smallest=smallest))
-    step.held, step.part, step.agreed, step.released = SimpleNamespace(moving=moving), part, False, False
+    step.contacts = SimpleNamespace(start=SimpleNamespace(small=True, smallest=smallest))
+    step.held, step.part, step.agreed, step.released = None, part, False, False
     step.solutions, step.conclude = [], lambda measures, early=False: None
     assert step.give_up(None).rejection == "CONTACT" and step.released is released
-    assert asked == ([smallest] if released else [])
+    assert asked == ([1] if released else [])
 
 
 @pytest.mark.parametrize("k, part, settled, asks", [(4, 1.0, False, True), (4, 0.5, False, True), (3, 1.0, False, False),

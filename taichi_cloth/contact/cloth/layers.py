@@ -43,7 +43,6 @@ LOOSE = 2.0  # of gravity: error that the forces of pairs may have, over the mas
 # 62 steps for 42, 15 of them tried twice for 7
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small. With the earth's weight in its place two sheets
 # that meet without gravity turn each other by a tenth of their forces times the distance; .05 are tested
-PINCHING = 0.02  # of half the thickness: particles that move more than that within a step are not pinched, but fast
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
@@ -281,16 +280,9 @@ class Layers(Checkpointed):
         """Between steps, with the stitches (k,) that hold or are drawn together: their sides are one surface."""
         self.detector.fresh &= not self.lips.join(whole)
 
-    def release(self, every: bool) -> bool:
-        """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Whether there were any.
-
-        Only pairs that hardly move within the step: fast ones are not pinched, a smaller step stops them. With `every`, all.
-        """
-        d = self.detector
-        four = d.mesh.particles_of(self.blocking)
-        v = self.model.read_saved()[1][four]
-        moves = self.start.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
-        four = four[every | (moves < PINCHING * d.mesh.half_thickness[four[:, 0]])]
+    def release(self) -> bool:
+        """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Returns whether any are."""
+        four = self.detector.mesh.particles_of(self.blocking)
         self.intersections.release(four.ravel())
         self._let_rest()
         return len(four) > 0

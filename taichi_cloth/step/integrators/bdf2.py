@@ -28,12 +28,11 @@ from ...system.assembler import Measures
 from ...system.base import Base
 from ...system.held import Held
 from ..attempt import Attempt
-from ..nonlinear.effort import CALM, OTHERS, PART, Effort
+from ..nonlinear.effort import CALM, OTHERS, PART, PRELIMINARY, Effort
 from ..nonlinear.history import HistoryEnergy
 from ..nonlinear.system import System
 from .backward_euler import BackwardEuler
 
-FIRST = 0.01  # relative residual of a first solve, which gives the contact forces
 RATIO = 2.0  # largest step over the one before; BDF2 is stable up to 1 + sqrt 2
 
 
@@ -60,7 +59,7 @@ class BDF2(BackwardEuler):
             base = self.system.base = self.energy.base = self._base(h)
             self.system.start_over()
             asked = self.options.newton_tol
-            self.policy.effort = Effort(asked or CALM * base.c, 0.0 if asked else PART, FIRST, OTHERS)
+            self.policy.effort = Effort(asked or CALM * base.c, 0.0 if asked else PART, PRELIMINARY, OTHERS)
             made = super().attempt(h, held_at, start)
             self.system.base = self.policy.effort = None
             if made.rejection is None:

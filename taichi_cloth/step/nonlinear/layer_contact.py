@@ -163,13 +163,14 @@ class LayerStep(EulerStep):
         return Outcome(None, "", self.at_end(measures), ledger)
 
     def give_up(self, measures: Measures) -> Outcome:
-        """See `StepProblem`. The smallest of steps are taken as they are; pairs that leave no room in them are released."""
-        layers, start, held = self.layers, self.contacts.start, self.held
+        """See `StepProblem`. Small steps are taken as they are. In the smallest, pairs that allow no collision-free
+        step are released."""
+        layers, start = self.layers, self.contacts.start
         ended = self.conclude(measures) if self.part == 1 and start.small else None
         if ended is not None:
             return self.finish(*ended)
-        if self.part < 1 and (start.smallest or (start.small and held is not None and held.moving)):
-            self.released = layers.release(start.smallest)  # else nothing presses that does not give way
+        if self.part < 1 and start.smallest:
+            self.released = layers.release()
         return self.refuse(measures)
 
     def refuse(self, measures: Measures) -> Outcome:
@@ -222,8 +223,8 @@ class SpringPolicy(SolidPolicy):
             layers.record_forces()
             part = layers.advance()
             if part < 1:
-                if contacts.start.small:
-                    layers.release(contacts.start.smallest)
+                if contacts.start.smallest:
+                    layers.release()
                 detail = f"cloth would pass through cloth, a collision-free step is {part:.2g} of it"
                 made = replace(made, rejection=CONTACT, detail=detail)
             layers.look()
