@@ -104,8 +104,8 @@ def _scene(args: argparse.Namespace):
 
 
 def _guard(work: Callable[[], int]) -> int:
+    from ..backend.interrupts import raised
     from ..errors import ClothError, ScriptError
-    from .interrupts import raised
     from .notes import warnings_as_notes
     from .scenefile import own_lines
 
