@@ -137,7 +137,11 @@ def _run(args: argparse.Namespace, scene) -> int:
 
     print(describe(sim, time.perf_counter() - started, start))
     if options.out:
-        print(f"written to {options.out}/" + ("images/" if options.size else ""))
+        from ..output.recording import Recording
+
+        took = Recording(options.out).manifest.get("output_seconds", {}).get("draw", 0.0)
+        drawn = f"images/, drawn in {took:.1f} s (--no-images draws none, --size WxH smaller ones)" if options.size else ""
+        print(f"written to {options.out}/{drawn}")
     return OK
 
 
