@@ -379,6 +379,13 @@ def test_building_is_told_once_and_how_long_it_took(session, monkeypatch):
     teller.shown(session)
     ask(session, session.step)
     assert len(said) == 1
+    teller.building()
+    clock[0] += 3.0
+    ask(session, session.step)  # the page is busy with the picture before
+    clock[0] += 9.0
+    teller.shown(session)
+    ask(session, session.step)
+    assert said[1:] == ["building kernels took 3 s"]
 
 
 def test_a_page_is_told_no_faster_than_it_shows(session):
