@@ -8,6 +8,8 @@ import os
 
 for name in ("TAICHI", "QUADRANTS"):
     os.environ.setdefault(f"ENABLE_{name}_HEADER_PRINT", "0")  # read when it is imported, wherever that is
+for name in ("TI", "QD"):
+    os.environ.setdefault(f"{name}_SKIP_VERSION_CHECK", "ON")  # else each start asks a server for news, in a thread
 del name
 if os.name == "posix" and "HOME" not in os.environ:  # Taichi ends the process then, as under some services
     home = os.path.expanduser("~")

@@ -72,7 +72,8 @@ def integer(what: str, value: object, least: int = 1, most: int = MOST, error: E
     out = _real(value)
     if not (least <= out <= most and out == int(out)):
         bound = f"of at least {least:,}" if not out > most else f"from {least:,} to {most:,}"
-        raise error(f"{what} = {shown(value)}: must be a whole number {bound}")
+        said = f"{out:.0f}" if isinstance(value, float) and out.is_integer() else shown(value)
+        raise error(f"{what} = {said}: must be a whole number {bound}")
     return int(out)
 
 

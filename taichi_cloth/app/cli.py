@@ -104,8 +104,8 @@ def _scene(args: argparse.Namespace):
 
 
 def _guard(work: Callable[[], int]) -> int:
+    from ..backend.interrupts import raised
     from ..errors import ClothError, ScriptError
-    from .interrupts import raised
     from .notes import warnings_as_notes
     from .scenefile import own_lines
 
@@ -129,24 +129,34 @@ def _guard(work: Callable[[], int]) -> int:
 
 
 def _run(args: argparse.Namespace, scene) -> int:
-    from .runner import simulate
-    from .summary import describe
-
     started = time.perf_counter()
     quicker = f"--small takes the scene's quick options, {' '.join(_settings(scene.small))}"
     options = replace(_options(_small(args, scene), scene), quicker=quicker if scene.small and not args.small else "")
-    sim, start = simulate(scene, options)
+    sim, start = _simulated(scene, options)
+    from .summary import describe
+
     print(describe(sim, time.perf_counter() - started, start))
     if options.out:
-        print(f"written to {options.out}/" + ("images/" if options.size else ""))
+        from ..output.recording import Recording
+
+        took = Recording(options.out).manifest.get("output_seconds", {}).get("draw", 0.0)
+        drawn = f"images/, drawn in {took:.1f} s (--no-images draws none, --size WxH smaller ones)" if options.size else ""
+        print(f"written to {options.out}/{drawn}")
     return OK
 
 
-def _check(args: argparse.Namespace, scene) -> int:
+def _simulated(scene, options) -> tuple:
+    """The run of a scene, which is built before Taichi is imported: a wrong option is refused at once."""
+    built = None if options.resume else scene.make(options.settings)
     from .runner import simulate
+
+    return simulate(scene, options, built=built)
+
+
+def _check(args: argparse.Namespace, scene) -> int:
     from .scenefile import run_check
 
-    sim, passed = simulate(scene, _options(_small(args, scene), scene))[0], True
+    sim, passed = _simulated(scene, _options(_small(args, scene), scene))[0], True
     for sentence, good in run_check(scene, sim):
         print(f"{'ok    ' if good else 'FAILED'} {sentence}")
         passed &= bool(good)

@@ -8,6 +8,7 @@ from ..errors import ClothError, OutputError, ScriptError
 from ..output.folder import RunFolder, hash_of_file
 from ..output.recording import Recording
 from ..recording.resuming import kept_from, resume
+from ..scene.scene import Scene
 from ..simulation import Simulation
 from .running import run
 from .runoptions import RunOptions
@@ -18,12 +19,13 @@ from .takes import Take, bring
 INSTEAD = "--resume goes on with that run, --overwrite removes them"
 
 
-def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = None, parent: Recording | None = None
-             ) -> tuple[Simulation, float]:
+def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = None, parent: Recording | None = None,
+             built: Scene | None = None) -> tuple[Simulation, float]:
     """Builds the scene, runs it, writes its folder; the simulation, and its time [s] where this began.
 
     Args:
         take, parent: how, and from which run, the new run in this folder goes on.
+        built: the scene with these options, where it is at hand; a take has others.
 
     Raises:
         ClothError: the scene, the options, the run or its folder failed; the frames so far are whole.
@@ -33,7 +35,7 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
     at = Recording(old.path).last_checkpoint(options.from_frame)[0] if old and take else 0
     if take:
         take.check_same(scene_file, options.settings, at)
-    scene = take.scene(scene_file, options.settings, at) if take else scene_file.make(options.settings)
+    scene = take.scene(scene_file, options.settings, at) if take else built or scene_file.make(options.settings)
     began = time.perf_counter()
     sim = Simulation(scene, **options.simulation)
     _print(sim.notes)

@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from ..backend.interrupts import noted
 from ..errors import ClothError, OutputError, SimulationError
 from ..output.folder import FRAMES, RunFolder
 from ..recording import record
@@ -15,7 +16,6 @@ from ..recording.resuming import run_of
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.records import StepRecord
-from .interrupts import after_this_frame
 from .progress import progress
 from .runoptions import RunOptions
 from .summary import summary
@@ -43,7 +43,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
     frames = max(1, round(options.duration * options.fps))
     began, before = time.perf_counter() if began is None else began, sim.log if before is None else before
     with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as writer,
-          progress(frames, options.quicker) as show, after_this_frame() as interrupted):
+          progress(frames, options.quicker) as show, noted(_ends_soon) as interrupted):
         def each(sim: Simulation, frame: int) -> None:
             if on_frame is not None:
                 on_frame(sim, frame)
@@ -63,6 +63,10 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
                 writer.follow(sim)
         sim.run(options.duration, options.fps, each, resumed)
     return sim
+
+
+def _ends_soon() -> None:
+    print("interrupted: ends after this frame; asked again, at once", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

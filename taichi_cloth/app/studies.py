@@ -39,9 +39,9 @@ def _study(args: argparse.Namespace) -> int:
     from ..errors import OutputError, SceneError
     from ..output.folder import write_whole
     from ..output.plot import as_file, line_plot
-    from ..studies.study import as_csv, as_json, cases_of, curves, methods_for, study, table
 
     scene, settings = _scene_of(args)
+    from ..studies.study import as_csv, as_json, cases_of, curves, methods_for, study, table
 
     def numbers(text: str) -> list[float]:
         try:
@@ -73,9 +73,9 @@ def _study(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
+    scene, settings = _scene_of(args)
     from ..studies.verify import verify
 
-    scene, settings = _scene_of(args)
     passed = True
     for name, figure, good in verify(lambda: scene.make(settings), args.time):
         print(f"{'ok    ' if good else 'FAILED'} {name}: {figure}", flush=True)
@@ -84,6 +84,7 @@ def _verify(args: argparse.Namespace) -> int:
 
 
 def _scene_of(args: argparse.Namespace):
+    """The scene file and its settings, with which it can be built."""
     from ..errors import SceneError
     from . import scenefile
 
@@ -94,6 +95,7 @@ def _scene_of(args: argparse.Namespace):
         if not equals:
             raise SceneError(f"--set {item!r}: needs name=value")
         settings[name] = value
+    scene.make(settings)  # a wrong option is refused before Taichi is imported
     return scene, settings
 
 

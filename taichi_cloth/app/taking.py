@@ -32,17 +32,19 @@ def run(args: argparse.Namespace) -> int:
     from .. import checks
     from ..output.folder import hash_of_file
     from ..output.recording import Recording
-    from .runner import simulate
-    from .runoptions import RunOptions
     from .scenefile import settings_of
-    from .summary import describe
-    from .takes import Take
 
     started = time.perf_counter()
     parent = Recording(args.run)
     scene = _scene(args, parent)
     was = scene.changed(parent.manifest["settings"])
     settings = was | settings_of(args.set)
+    scene.typed(settings)  # what is no number, or no word that is known, is refused before Taichi is imported
+    from .runner import simulate
+    from .runoptions import RunOptions
+    from .summary import describe
+    from .takes import Take
+
     duration = _duration(args, parent)
     blend = checks.integer("--blend", args.blend, least=0)
     checks.integer("--checkpoint-every", args.checkpoint_every, least=0)

@@ -1,6 +1,7 @@
 """The command `view`: a scene in the browser as it runs."""
 
 import argparse
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -28,11 +29,12 @@ def run(args: argparse.Namespace, read: Callable[[], SceneFile], options_of: Cal
     Args:
         read: gives the scene file; options_of: takes the flags and it, and gives `RunOptions`.
     """
-    from ..live.view import serve
+    with contextlib.suppress(KeyboardInterrupt):  # the usual end, from the first
+        from ..live.view import serve
 
-    title = path_of(args.scene).stem
-    serve(lambda: _source(args, scene := read(), options_of(args, scene)), title, args.host, args.port, not args.no_open,
-          not args.paused, lambda line: print(line, flush=True))
+        title = path_of(args.scene).stem
+        serve(lambda: _source(args, scene := read(), options_of(args, scene)), title, args.host, args.port, not args.no_open,
+              not args.paused, lambda line: print(line, flush=True))
     return 0
 
 

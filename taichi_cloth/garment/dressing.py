@@ -19,7 +19,7 @@ from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.fabrics import as_fabric
 from ..scene.garment import Garment
-from ..scene.intersections import count_crossings
+from ..scene.intersections import count_crossings, self_crossings
 from ..scene.scene import Scene
 from ..scene.solids import Solid, SolidMesh
 from ..scene.units import doubts_of_solid
@@ -225,7 +225,7 @@ def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, fin
             sim.stepper.control = replace(usual, h_min=finest)
         try:
             sim.step(min(usual.h_max, end - sim.time))
-        except SimulationError:
+        except SimulationError as error:
             nearest = sim.contacts.layers.nearest() if meets else None
             if nearest is not None and nearest.gap < LOCKED:
                 sim.contacts.layers.release_around(np.array(nearest.particles))
@@ -233,10 +233,21 @@ def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, fin
             elif finest:
                 finest = 0.0
             else:
-                raise
+                raise SimulationError(f"{error}{_folded(sim.scene.solids)}", error.reason, error.time) from None
         sim.stepper.control = usual
     if tell is not None:
         tell(f"{sim.time:.1f} s, {what}")
+
+
+def _folded(solids: list[Solid]) -> str:
+    """Half a sentence on where meshes pass through themselves, as in an armpit; "" where none does."""
+    x = [s.surface_at(0.0)[self_crossings(s.surface_at(0.0), s.shape.faces)[0]].reshape(-1, 3)
+         for s in solids if isinstance(s.shape, SolidMesh)]
+    if not len(at := np.concatenate([np.zeros((0, 3)), *x])):
+        return ""
+    low, high = (", ".join(f"{v:.2g}" for v in end(axis=0)) for end in (at.min, at.max))
+    return (f" The body passes through itself between ({low}) and ({high}) m, and cloth has no place there: take a pose in "
+            "which these parts are apart, such as arms away from the trunk, or a garment that stays clear of them")
 
 
 def _still(solid: Solid) -> Solid:
@@ -244,7 +255,7 @@ def _still(solid: Solid) -> Solid:
     R, p = solid.pose(0.0)
     shape = solid.shape
     if isinstance(shape, SolidMesh) and len(shape.x) > 1:
-        shape = SolidMesh(shape.shape_at(0.0), shape.faces)
+        shape = SolidMesh(shape.shape_at(0.0), shape.faces, groups=shape.groups)
     return replace(solid, shape=shape, position=p, rotation=R)
 
 

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,8 @@ from .animation import READERS
 from .animation import read as read_motion
 from .animation.motion import Motion, Wanted, wanted
 from .animation.surface import joined, mended, same_places
+
+NAMED = 4  # clips that a sentence names
 
 
 class Loaded(NamedTuple):
@@ -125,12 +127,19 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     size = np.ptp(x[0], axis=0) * motion.unit * scale
     height = size[UP.index(motion.up) + 1]
     others = [clip.name for k, clip in enumerate(motion.clips) if k not in motion.taken]
-    played = " and ".join(repr(motion.clips[k].name) for k in motion.taken)
-    clip = f"clip {played}, " if played else ""
+    clip = f"clip {_some(motion.clips[k].name for k in motion.taken)}, " if motion.taken else ""
     moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}no animation"
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"
-    more = f"; other clips (clip=...): {', '.join(map(repr, others))}" if others else ""
+    more = f"; other clips (clip=...): {_some(others)}" if others else ""
     return f"{parts}; {moves}; {height:.3g} m high, {size.max():.3g} m at most{more}"
+
+
+def _some(names: Iterable[str]) -> str:
+    """Names in a sentence, the first of them where there are many: some programs write a clip for each joint."""
+    told = [repr(name) for name in names]
+    if len(told) > NAMED + 1:
+        told = [*told[:NAMED], f"{len(told) - NAMED} more"]
+    return " and ".join([", ".join(told[:-1]), told[-1]]) if len(told) > 1 else told[0]
 
 
 def _welded(read: Loaded, weld: float | None, scale: float) -> Loaded:

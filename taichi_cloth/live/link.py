@@ -39,8 +39,8 @@ class Link:
         here = str(pathlib.Path(__file__).parents[2])
         paths = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
         self.process = subprocess.Popen([sys.executable, "-m", "taichi_cloth.live.pages", host, str(free_port(host, port))],
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                        env={**os.environ, "PYTHONPATH": paths})
+                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": paths},
+                                        start_new_session=True)  # a terminal's Ctrl-C is not for it
 
     def wait(self) -> str:
         """Its address, as soon as it is there.

@@ -46,6 +46,8 @@ class Teller:
         """Tells of the session now, or later where the page is still busy."""
         if self._geometry is None:
             self.send(opening(session, self.title))
+        if not session.preview:
+            self._built()  # also where the page is busy
         with self._lock:
             if self._busy and not session.preview:  # a preview is all that is to be seen for a while
                 self._late = True
@@ -54,9 +56,7 @@ class Teller:
         if session.geometry is not self._geometry:
             self._geometry, self.shapes = session.geometry, Shapes(session.geometry)
             self._number, self._told = self._number + 1, None
-        if not session.preview:
-            self._built()
-        elif self._building is None:
+        if session.preview and self._building is None:
             self._building = time.monotonic()
         self.send(self._seen(session))
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .. import checks
+from ..backend.interrupts import Asked, noted
 from ..backend.timing import compiling
 from ..errors import SceneError, shown
 from ..options import Options
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from ..simulation import Simulation
     from .session import Session, Source
 
+PATIENCE = 1.0  # s after Ctrl-C without a word
 KEPT = 600  # steps of the log that a page reads, where the options do not say
 
 
@@ -111,7 +114,7 @@ def _source(what: object, options: dict[str, Any]) -> Source:
 
 def serve(make: Callable[[], Source], title: str, host: str, port: int | None, opens: bool, plays: bool,
           tells: Callable[[str], object] = print) -> None:
-    """Shows what a source makes.
+    """Shows what a source makes. Ctrl-C is the usual end: it waits for the step, or for the kernel, that is being made.
 
     Args:
         make: gives the source, once the page is starting; tells: is called with the page's address.
@@ -119,27 +122,38 @@ def serve(make: Callable[[], Source], title: str, host: str, port: int | None, o
     Raises:
         ClothError: see `view`; also any error of building the scene.
     """
-    link = Link(host, port)
-    try:
-        from .session import Session
-        from .teller import Teller
+    hint = threading.Timer(PATIENCE, lambda: tells("ends as soon as this is done; Ctrl-C again, at once"))
+    hint.daemon = True
+    with noted(hint.start) as asked, contextlib.suppress(KeyboardInterrupt):
+        link = Link(host, port)
+        try:
+            from .session import Session
+            from .teller import Teller
 
-        teller = Teller(title, link.tell, tells)
-        session = Session(make(), teller)
-        session.watched = False  # until the page has a browser
-        address = link.wait()
-        teller(session)
-        link.listen(session, teller)
-        tells(f"{title} is shown at {address} (End there, or Ctrl-C here, ends it)")
-        if opens:
-            _open(address)
-        tells("building kernels ...")
-        with _ended(session), compiling.told(teller.building), contextlib.suppress(KeyboardInterrupt):  # the usual end
-            session.begin(plays)
-            while not session.over:
-                session.turn()
-    finally:
-        link.close()
+            teller = Teller(title, link.tell, tells)
+            session = Session(make(), teller)
+            session.watched = False  # until the page has a browser
+            address = link.wait()
+            teller(session)
+            link.listen(session, teller)
+            tells(f"{title} is shown at {address} (End there, or Ctrl-C here, ends it)")
+            if opens:
+                _open(address)
+            tells("building kernels ...")
+            with _ended(session), compiling.told(lambda: _unless(asked, teller.building)):
+                _unless(asked, lambda: session.begin(plays))
+                while not (session.over or asked()):
+                    session.turn()
+        finally:
+            hint.cancel()
+            link.close()
+
+
+def _unless(asked: Asked, goes_on: Callable[[], object]) -> None:
+    """Goes on, unless the process was asked to end."""
+    if asked():
+        raise KeyboardInterrupt
+    goes_on()
 
 
 @contextlib.contextmanager

@@ -105,7 +105,7 @@ def test_a_run_takes_the_quick_options_of_its_scene(tmp_path, monkeypatch):
     """`run --small` as `check --small`; what is set comes after them; without the flag it is told of it."""
     made = []
 
-    def simulate(scene, options):
+    def simulate(scene, options, built):
         made.append((scene.typed(options.settings), options.quicker))
         raise tc.SceneError("enough")
 

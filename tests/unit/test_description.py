@@ -269,7 +269,8 @@ def test_flags_go_before_the_scenes_own_and_those_before_defaults(scene):
 def test_a_check_that_fails_has_exit_code_1(scene, result, code, monkeypatch, capsys):
     from taichi_cloth.app import runner
 
-    monkeypatch.setattr(runner, "simulate", lambda scene, options: (result, 0.0) if options.settings == {"n": "2"} else None)
+    monkeypatch.setattr(runner, "simulate", lambda scene, options, built: (result, 0.0) if options.settings == {"n": "2"}
+                        else None)
     args = cli._parser().parse_args(["check", "sheet", "--small"])
     assert cli._check(args, scene) == code
     said = capsys.readouterr().out.splitlines()

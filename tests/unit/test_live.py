@@ -1,5 +1,7 @@
 """A session: played, paused, stepped, begun again, changed and pulled at, with a real simulation and no page."""
 
+import os
+import signal
 import types
 
 import numpy as np
@@ -304,20 +306,30 @@ class Told:
         self.open = False
 
 
-@pytest.mark.parametrize("end", ["click", "interrupt", "error"])
-def test_a_page_is_served_until_it_is_ended(monkeypatch, end):
+@pytest.mark.parametrize("end", ["click", "interrupt", "signal", "signal as it is made", "error"])
+def test_a_page_is_served_until_it_is_ended(monkeypatch, request, end):
     class Ends(Told):
         def tell(self, message):
             super().tell(message)
             if len(self.messages) > 2:  # the opening, the preview, a picture
                 if end == "interrupt":
                     raise KeyboardInterrupt
+                if end == "signal":
+                    os.kill(os.getpid(), signal.SIGINT)
+                    return  # of the step nothing is lost
                 self.session.ask("finish")
 
     def fails(scene):
         raise tc.SceneError("no simulation of it")
 
-    said, source = [], Made(build, Options(h=H), PARAMETERS)
+    def interrupted(scene):
+        os.kill(os.getpid(), signal.SIGINT)
+        made.append("whole")
+        return Made.simulation(source, scene)
+
+    said, made, source = [], [], Made(build, Options(h=H), PARAMETERS)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # else it may be ignored
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     monkeypatch.setattr(view, "Link", Ends)
     monkeypatch.setattr(view.webbrowser, "open", said.append)
     if end == "error":
@@ -325,7 +337,10 @@ def test_a_page_is_served_until_it_is_ended(monkeypatch, end):
         with pytest.raises(tc.SceneError, match="no simulation of it"):
             serve(lambda: source, "title", "host", None, True, True, said.append)
     else:
+        if end == "signal as it is made":
+            monkeypatch.setattr(source, "simulation", interrupted)
         serve(lambda: source, "title", "host", None, True, True, said.append)
+        assert made == ["whole"] * (end == "signal as it is made")
     link = Told.made[-1]
     assert said[0].split()[:5] == ["title", "is", "shown", "at", "http://there:1"], "nothing clings to the address"
     assert said[1:3] == ["http://there:1", "building kernels ..."] and not link.open
@@ -364,6 +379,13 @@ def test_building_is_told_once_and_how_long_it_took(session, monkeypatch):
     teller.shown(session)
     ask(session, session.step)
     assert len(said) == 1
+    teller.building()
+    clock[0] += 3.0
+    ask(session, session.step)  # the page is busy with the picture before
+    clock[0] += 9.0
+    teller.shown(session)
+    ask(session, session.step)
+    assert said[1:] == ["building kernels took 3 s"]
 
 
 def test_a_page_is_told_no_faster_than_it_shows(session):
