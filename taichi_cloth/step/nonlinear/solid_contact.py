@@ -205,7 +205,7 @@ class SolidPolicy(EulerPolicy):
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
         """See `EulerPolicy`. A small step that is not solved is made as without `contact_tol`."""
-        if self.solved is not None:
+        if self.solved is not None and not self.system.contacts.hindered:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
             made = minimize(problem, problem.most)
             self.system.finds = self.system.definite = False
