@@ -180,7 +180,7 @@ class Contacts(Checkpointed):
         """
         solids, balance, active = self.solids, self.balance, self.solids.active
         bear = active.holding.forces(active.contacts, needed)
-        found = balance.assess(lacks, self.model.read_particles()[1], bear, bear, 0.0)
+        found = balance.assess(lacks, self.model.read_particles()[1], bear, bear)
         if found.residual.off > self.enough:
             return False
         self.found, solids.unsettled, solids.trial = found, 0, balance.next_states(found)

@@ -82,7 +82,8 @@ class ProximalGradient:
             values[cones.index] = rows
             write(field, values)
         for field, part in ((operator.b, cones.push), (operator.P, cones.block)):
-            write(field, (read(field) - part).astype(exchange))
+            if part.any():
+                write(field, (read(field) - part).astype(exchange))
 
     def _shorten(self, cones: Cones, rest: np.ndarray, dv: np.ndarray, before: np.ndarray) -> None:
         """Goes back from dv (n, 3) towards `before`, where the last iterations ended, to the least value on the way. Contacts

@@ -16,7 +16,7 @@ import numpy as np
 from ...system.cones import Cones
 from ..points import Points, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
-from .coulomb import MOST, SMOOTH, Rows, follow, smoothed
+from .coulomb import MOST, SMOOTH, Rows, borne, follow, smoothed
 from .sliding import Sliding
 from .solid_contacts import Forces, SolidContacts
 from .vertices import VertexContacts
@@ -36,12 +36,14 @@ class Residual:
         worst: the particle that most of it is at.
         acting: all that acts [N s].
         changed: contacts that do another thing from here on.
+        law: |p by the law - p that the last linear solve took| over all that acts.
     """
 
     off: float
     worst: int
     acting: float
     changed: int = 0
+    law: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -136,10 +138,10 @@ class Balance:
         points = solids.sliding.points
         points.spread(-c * points.forces(solids.near.there - base, c), b)
         taken = solids.active.holding.forces(solids.active.contacts, reaction)
-        return self.assess(b, v, taken, taken, 0.0, self.k >= MET and not self.start.together)
+        return self.assess(b, v, taken, taken, fixed=self.k >= MET and not self.start.together)
 
-    def assess(self, b: np.ndarray, v: np.ndarray, taken: Impulses, needed: Impulses, enough: float,
-               fixed: bool = False) -> Found:
+    def assess(self, b: np.ndarray, v: np.ndarray, taken: Impulses, needed: Impulses, enough: float = 0.0,
+               agreed: float = 0.0, fixed: bool = False) -> Found:
         """How far the state that the model is in is from solving the step, and the contacts' next states by the law.
 
         Args:
@@ -147,16 +149,18 @@ class Balance:
             v: (n, 3) velocities there [m/s].
             taken: impulses that contacts bore in the last linear solve: by them goes the next one.
             needed: impulses that balance the state where it ended: with these the step is solved sooner.
-            enough: `off` with which it is.
+            enough: `off` with which it is, where `law` is no more than `agreed`.
         """
         solids = self.solids
         keep = ~solids.pinned[solids.near.vertices.index]
         f, slip = solids.near.vertices.take(keep), solids.near.slip[keep]
         if fixed:
             f, slip = self._where_met(f, slip)
-        r, rows, p, bears = self._by(needed, f, slip, b, v)
-        if r.off > enough and taken is not needed:
-            r, rows, p, bears = self._by(taken, f, slip, b, v)
+        r, rows, p, bears = self._by(taken, f, slip, b, v)
+        if taken is not needed and r.law <= agreed:
+            there = self._by(needed, f, slip, b, v)
+            if there[0].off <= enough:
+                r, rows, p, bears = replace(there[0], law=r.law), *there[1:]
         known, was = self.rows.of(f.key)
         other = ~known[bears] | (was.stick[bears] != rows.stick[bears])
         r = replace(r, changed=int(np.sum(other)) + int(np.sum(known & ~bears)))
@@ -198,7 +202,7 @@ class Balance:
         """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and of those that
         press, by their impulses (k,) [N s]. New ones are smooth in the next solve: only that tells how much they bear."""
         (f, rows, slips, goal), single = found.near, self._single(found.near[0])
-        slip = slip * self.start.c / self.start.h
+        slip = tangential(slip * self.start.c / self.start.h, f.normal[single])
         bears = rows.normal > 0
         bears[single] |= pressed > 0
         speed, cone = length(slip), (f.friction * rows.normal)[single]
@@ -265,7 +269,9 @@ class Balance:
             acting += _norm(by_pins)
             total[i] -= by_pins
         size = np.einsum("ni,ni->n", total, total)
-        return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
+        bore = np.where((known | bears)[:, None], np.maximum(normal, 0)[:, None] * f.normal + borne(f, was, slip, held), 0.0)
+        return (Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting, law=_norm(p - bore) / acting),
+                rows, p, bears)
 
     def go_on(self, solved: bool) -> None:
         """A further solve follows. If contacts began to slide in the first one, friction is smooth in the next, unless all is

@@ -40,7 +40,7 @@ class BackwardEuler(Checkpointed):
         self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
         self.dv = system.solver.dv  # of the last solve, from which contacts predict the next step
         self.policy = self._policy()
-        if self.contacts is not None and options.contact_tol is not None:
+        if self.contacts is not None and options.contact_tol is not None and not self.contacts.sprung:
             from ..nonlinear.solved_contact import SolvedStep
 
             self.policy.solved = SolvedStep  # type: ignore[attr-defined]

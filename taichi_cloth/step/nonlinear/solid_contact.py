@@ -205,9 +205,10 @@ class SolidPolicy(EulerPolicy):
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
         """See `EulerPolicy`. A small step that is not solved is made as without `contact_tol`."""
-        if self.solved is not None:
+        if self.solved is not None and not self.system.contacts.hindered:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
-            made = minimize(problem, 1 + self.system.options.newton_max)
+            made = minimize(problem, problem.most)
+            self.system.finds = self.system.definite = False
             if made.rejection is None or self.system.contacts.start.share > 1.5 / FINEST:
                 return made
             self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without it")

@@ -2,15 +2,17 @@
 
 Newton's method on all of it: the cloth's forces, and by one rule the forces, sticking and sliding of contacts
 (`contact.solid.balance`). The first solve is (18) [BW98 §5, §6] with the contacts that the step before ended with, and those
-that are predicted. It ends the step where that leaves forces and contacts in balance, within `contact_tol` of all that acts.
-Else Newton's method goes on, each solve from where the last one ended. A step that is not solved by then is tried smaller.
+that are predicted. Each further one begins where the last one ended. Forces are evaluated there, and states of contacts come
+from the proximal gradient method on the new linearization (`solver.proximal`), or near the law from the law itself. The step
+is solved where forces are in balance, within `contact_tol` of all that acts, and contacts bear by Coulomb's law what the last
+solve took, within AGREED of that. Newton steps that would raise the incremental potential are shortened.
 
-Differs from `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step. The
-balance is that of the step's end, not of its linearization. Energy is a last guard only.
+A step that comes near enough only (`BEARABLE`) is taken, and counted as unsolved. One that does not is tried smaller.
+
+Differs from `solid_contact`: the balance is that of the step's end, not of its linearization.
 
 Tried and left out:
-- a line search on the potential with friction and depths (as many solves, more evaluations);
-- the prediction as the first linearization's place (as many);
+- the prediction as the first linearization's place (as many solves);
 - friction by secants to the end (three times as many steps: it converges by .9 a solve);
 - states by the forces that balance needs instead of those of the last solve (they never settle).
 """
@@ -18,18 +20,31 @@ Tried and left out:
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from ...backend.timing import Clock
+from ...contact.points import Points
+from ...contact.solid.sliding import Sliding
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
 from .effort import Changes, Effort
 from .energy import MOST, EnergyTest
-from .newton import Outcome, StepProblem
+from .newton import Outcome, StepProblem, phi
 from .solid_contact import forces_at_end, predict
 from .system import System
 
-FIRST, OTHERS = 1e-3, 1e-2  # relative residuals of solves: of (18), and of those that go on from where it ended
+FIRST, OTHERS = 1e-2, 5e-2  # relative residuals of solves: of (18), and of those that go on from where it ended. With 1e-3
+# and 5e-2, 1e-3 and 1e-2 `sphere_drape` takes 17,500 and 23,400 iterations for 1 s, for 14,100
+AGREED = 0.01  # part of `contact_tol` by which impulses of contacts may be off the law. With .1, .03 and this `capstan_360_03`
+# has 7.34, 6.69 and 6.70 (6.59), and `sphere_drape` takes 551, 544 and 556 solves
+STRICT = 3  # solves of a step with which they may; in each further one by twice as much. Without end 664 solves, with 2 540
+FAR = 0.3  # part of `contact_tol` by which they are off where states come from the proximal gradient method; with 1 `table`
+# takes 430 solves for 389
+BEARABLE = 5.0  # times `contact_tol` with which a step is taken that is not solved: a smaller one costs twice as much. With 3
+# 597 solves for 562
+MORE = 2  # solves besides `newton_max` further ones that a step may take for its contacts; with 0 and 4 562 and 596 for 512
 
 
 class SolvedStep(StepProblem):
@@ -43,6 +58,10 @@ class SolvedStep(StepProblem):
             size, and would be in balance by these.
         over: span [s] over which damping is an energy; 0 where the step starts from a base.
         pairs: of edges that want another solve.
+        points: friction and pairs of the last solve; terms: their part of Phi [J].
+        led: work [J] of its constraints over all of its way.
+        most: solves that it may take.
+        relaxed: whether states of contacts came from the proximal gradient method before the last solve.
     """
 
     def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
@@ -51,7 +70,10 @@ class SolvedStep(StepProblem):
         self.energy, self.effort, self.start, self.contacts = energy, effort, start, system.contacts
         self.enough = system.options.contact_tol or 0.0
         self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
-        self.acting = math.inf
+        self.acting, self.relaxed = math.inf, False
+        self.led = self.terms = 0.0
+        self.most = 1 + system.options.newton_max + MORE
+        system.definite, system.finds = False, True
         with clock.part("C-S"):
             predict(system, h, held, together=False)
             self.balance = self.contacts.balance
@@ -106,6 +128,8 @@ class SolvedStep(StepProblem):
             self.reaction = system.reaction_rows()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
             self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
+            self.points = Points.join([solids.rubbing, solids.pressing])
+            self.led = float(np.sum(self.reaction * system.change_rows(self.held)))
         with self.clock.part("EVAL"):
             self.changes.add(self.c * system.rms_change())
             if k:
@@ -116,7 +140,9 @@ class SolvedStep(StepProblem):
         return 1.0
 
     def shift(self, k: int, part: float, taken: float) -> None:
-        """See `StepProblem`: never."""
+        """See `StepProblem`."""
+        with self.clock.part("EVAL"):
+            self.system.shift(self.c, part - taken)
 
     def measure(self, k: int) -> Measures:
         """See `StepProblem`; the model is linearized there too, without friction of sliding contacts."""
@@ -124,34 +150,67 @@ class SolvedStep(StepProblem):
         solids = contacts.solids
         with self.clock.part("C-S"):
             solids.look()
+            self.terms = self.points.potential(system.model.read_particles()[0] - self.began, self.c) if k else 0.0
         with self.clock.part("EVAL"):
             measures, self.lacks, needed = forces_at_end(system, self.c, self.held, self.over)
+            solids.sliding = Sliding()  # as it is linearized
         with self.clock.part("C-S"):
             self.balance.inertia, holding = system.inertia(), solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
-                solids.active.contacts, needed), self.enough)
+                solids.active.contacts, needed), self.enough, self.agreed)
         return measures
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `StepProblem`; no other length of it was found to do better."""
-        return True
+        """See `StepProblem`. Phi does not grow, with the terms of friction and pairs, and without the work of constraints that
+        lead cloth to where it is held. Of the first solve no other length was found to do better."""
+        if k == 0:
+            return True
+        grown = phi(measures, self.c) + self.terms - part * self.led
+        return grown <= phi(self.before, self.c) + self.system.rounding(self.c, self.before, measures)
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
         smoothed, r = self.balance.smoothed, self.found.residual
         self.acting = min(self.acting, r.acting)
-        self.residual = replace(r, off=r.off * r.acting / self.acting)
+        more = r.acting / self.acting
+        self.residual = r = replace(r, off=r.off * more, law=r.law * more)
         with self.clock.part("C-S"):
             self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began, self.solved)
-            self.balance.take(self.found)
-        solved = self.residual.off <= self.enough and not smoothed and not self.pairs
+        solved = self.within(1.0) and not smoothed and not self.pairs
         if self.effort is not None:
             solved &= self.changes.enough(self.effort)
+        if not solved:
+            self.relax()
+        self.balance.take(self.found)
         return self.finish(measures) if solved else None
 
+    @property
+    def agreed(self) -> float:
+        """Part of all that acts by which contacts may now be off the law."""
+        return min(AGREED * 2.0 ** max(0, len(self.solutions) - STRICT), 1.0) * self.enough
+
+    def within(self, times: float) -> bool:
+        """Whether the state is within so many times the tolerances."""
+        r, most = self.residual, times * self.enough
+        return r.off <= most and r.law <= (self.agreed if times == 1 else self.enough)
+
+    def relax(self) -> None:
+        """States of contacts for the next solve, by the proximal gradient method where they are far from the law."""
+        system, again = self.system, self.relaxed
+        self.relaxed = self.residual.law > FAR * self.enough and not system.operator.has_low_rank
+        with self.clock.part("C-S"):
+            cones = self.balance.cones(self.found) if self.relaxed else None
+        if cones is None:
+            self.relaxed = False
+            return
+        with self.clock.part("CG"):
+            slips, pressed = system.relax_next(cones, again)
+        with self.clock.part("C-S"):
+            self.found = self.balance.relaxed(self.found, slips, pressed)
+
     def give_up(self, measures: Measures) -> Outcome:
-        """See `StepProblem`. A step is taken even if pairs of edges could be further apart."""
-        if self.pairs and self.residual.off <= self.enough:
+        """See `StepProblem`. A step that is nearly solved is taken, also where pairs of edges could be further apart."""
+        if self.within(BEARABLE) and not self.balance.smoothed:
             return self.finish(measures)
         r = self.residual
         return Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * r.off:.2g} % of all forces out of balance, most at "
@@ -163,7 +222,9 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.balance.finish()
             self.held = self.balance.held
-            contacts.found, solids.unsettled = replace(self.found, residual=self.residual), self.residual.changed
+            r = self.residual
+            error = replace(r, off=r.law if self.within(1.0) else max(r.off, r.law))
+            contacts.found, solids.unsettled = replace(self.found, residual=error), r.changed
             deep = solids.ends_deep()
             through = not deep and solids.went_through()
         if deep:

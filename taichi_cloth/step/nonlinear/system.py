@@ -34,6 +34,8 @@ class System:
         held: of the last solve.
         span: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
+        definite: whether terms that may be indefinite are left out of all linearizations from here on; finds: whether they are
+            after one was found to be.
         gave: whether stitches gave in this step, which is tried again without them.
         pulled: whether something may be attached softly.
         fragile: whether single solves can be far off: something may rip or tear, or is blown up.
@@ -65,7 +67,7 @@ class System:
         self.resolution = runtime.epsilon * extent
         self._indefinite = [force for force in forces if force.indefinite]
         self._moves = self._definite = False  # as it was linearized
-        self._over = 0.0
+        self._over, self.definite, self.finds = 0.0, False, False
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
 
     def tell(self, note: str) -> None:
@@ -118,7 +120,7 @@ class System:
     def linearize(self, c: float, moves: bool = False, over: float = 0.0) -> Measures:
         """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
         self.span, self._moves, self._over = c, moves, over
-        self._leave_out(False)
+        self._leave_out(self.definite)
         return self.meter.linearize(c, moves, over)
 
     def imbalance(self, held: Held | None) -> float:
@@ -146,6 +148,19 @@ class System:
         if self.base is not None:
             self.add_guess(1.0)
         return found
+
+    def relax_next(self, cones: Cones, again: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Like `relax`, in the system that is linearized where the last solve ended: from dv = 0.
+
+        Args:
+            again: whether it was called where that solve began.
+        """
+        if self._proximal is None:
+            self._proximal = ProximalGradient(self._fields, self.solver)
+        before, method = self._proximal.ended, self._proximal
+        method.ended = before - read(self.solver.dv) if again and before is not None else None
+        self.solver.dv.fill(0)
+        return method.run(cones)
 
     def inertia(self) -> np.ndarray:
         """(n,) a third of the trace of each particle's block of A as linearized [kg]: its mass and h^2 times the stiffness
@@ -198,6 +213,7 @@ class System:
             self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
+            self.definite = self.finds
             self.preconditioner.forget()  # its levels may be indefinite as well
             self.meter.linearize(self.span, self._moves, self._over)
             return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
@@ -238,6 +254,10 @@ class System:
         if self._kept is not None:
             return self._kept
         return self.on_held(held, self._of(self.solver.As, held) - self._of(self.operator.b, held))  # A dv - b
+
+    def change_rows(self, held: Held | None) -> np.ndarray:
+        """(k, 3) the last solve's dv [m/s] of the held particles."""
+        return np.zeros((0, 3)) if held is None else self._of(self.solver.dv, held)
 
     def left_undone(self) -> float:
         """Norm [N s] of b - A dv of the last solve, without directions that are held."""
