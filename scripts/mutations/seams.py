@@ -215,7 +215,7 @@ MUTATIONS = (
      FILES + "what_is_done_with_garments_is_done_with_loaded_ones"),
     (SOLVER + "lattice.py", "places if whole.mean() > 0.5 else mesh.x", "mesh.x", "lattices over cut patterns lie in space",
      FILES + "lattices_lie_in_the_pattern"),
-    ("taichi_cloth/step/nonlinear/system.py", "        self.solver.dv.fill(0)\n", "        pass\n",
+    ("taichi_cloth/step/nonlinear/system.py", "forget()\n        self.solver.dv.fill(0)\n", "forget()\n",
      "a solve begins with what has overflowed", FILES + "what_cannot_be_made_of_levels_is_left_out_with_a_note"),
     (DENSE, "some = values > least", "some = values < np.inf", "what cannot be solved for is",
      "tests/unit/test_dense.py::test_what_is_singular_is_inverted_where_it_is_not"),

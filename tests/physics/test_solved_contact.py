@@ -28,13 +28,37 @@ LAWS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, tolerance", [(name, 0.1) for name in LAWS])
-def test_law(name, tolerance, monkeypatch):
+@pytest.mark.parametrize("name", LAWS)
+def test_law(name, monkeypatch):
     """Expected failures of test_contact_laws.py, without; the cases' docstrings derive the laws."""
-    monkeypatch.setitem(case.SETTINGS, "contact_tol", tolerance)
+    monkeypatch.setitem(case.SETTINGS, "contact_tol", 0.1)
     results = {r.name: r for r in CASES[name].run(1 / 60, CASES[name].cells[0], 0, 1)}
     assert set(results) == set(LAWS[name])
     assert all(r.holds for r in results.values()), ", ".join(map(str, results.values()))
+
+
+@pytest.mark.slow
+def test_a_rope_that_is_drawn_does_not_chatter(monkeypatch):
+    """The tension beyond half a turn, mu = .8, is within a tenth of what it is on average."""
+    monkeypatch.setitem(case.SETTINGS, "contact_tol", 0.1)
+    results = {r.name: r for r in CASES["capstan_180_08"].run(1 / 60, CASES["capstan_180_08"].cells[0], 0, 1)}
+    assert results["spread"].measured < 0.1 * results["spread"].wrong / 2  # .01; contacts that may be off by .03: .18
+    assert abs(results["ratio"].measured / results["ratio"].law - 1) < 0.05
+
+
+@pytest.mark.slow
+def test_a_drape_accounts_for_its_energy():
+    """A sheet of 25 x 25 vertices falls on a ball, usual steps leave .023 J unaccounted for, solved ones a thirtieth of it."""
+    lost = []
+    for tolerance in (None, 0.1):
+        scene, mesh = tc.Scene(), tc.grid(0.6, 24)
+        cloth = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))
+        scene.add_cloth(mesh, cloth, mesh.x + [-0.3, 0.25, 0.3])
+        scene.add_solid(tc.Sphere(0.2), 0.4, 0.005)
+        with tc.Simulation(scene, h=1 / 60, threads=1, contact_tol=tolerance) as sim:
+            sim.run(0.5, 60)
+            lost.append(sum(abs(r.ledger["unaccounted"]) for r in sim.log))
+    assert lost[1] < 0.1 * lost[0]
 
 
 def test_what_pins_hold_in_part_is_rubbed_too():

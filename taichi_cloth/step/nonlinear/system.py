@@ -255,10 +255,6 @@ class System:
             return self._kept
         return self.on_held(held, self._of(self.solver.As, held) - self._of(self.operator.b, held))  # A dv - b
 
-    def change_rows(self, held: Held | None) -> np.ndarray:
-        """(k, 3) the last solve's dv [m/s] of the held particles."""
-        return np.zeros((0, 3)) if held is None else self._of(self.solver.dv, held)
-
     def left_undone(self) -> float:
         """Norm [N s] of b - A dv of the last solve, without directions that are held."""
         return float(np.linalg.norm(read(self.solver.r)))
