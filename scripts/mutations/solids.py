@@ -334,7 +334,7 @@ MUTATIONS = (
      "tests/physics/test_solved_contact.py::test_law[rope_holds]"),
     (BALANCED, "if taken is not needed and r.law <= agreed:", "if False:",
      "a turn within the step is friction beyond the cone", SOLVED_TURN),
-    (BALANCED, "tangential(slip * self.start.c / self.start.h, f.normal[single])", "slip * self.start.c / self.start.h",
+    ("taichi_cloth/step/nonlinear/solved_contact.py", "tangential(slips, cones.normal)", "slips",
      "friction presses contacts that open", PROXIMAL + "::test_friction_of_contacts_that_open_in_the_iterations_is_at_right_"
      "angles_to_their_normals"),
     ("taichi_cloth/step/nonlinear/solved_contact.py", " and r.law <= (self.agreed if times == 1 else self.enough)", "",

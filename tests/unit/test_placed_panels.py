@@ -201,7 +201,8 @@ def test_what_no_layers_stop_is_tried_by_smaller_steps():
     def sim(passes: float) -> SimpleNamespace:
         control = Control(1 / 60, 1e-5)
         one = SimpleNamespace(time=0.0, control=control, stepper=SimpleNamespace(control=control, h=control.h_max),
-                              contacts=SimpleNamespace(layers=SimpleNamespace(nearest=lambda: None)))
+                              contacts=SimpleNamespace(layers=SimpleNamespace(nearest=lambda: None)),
+                              scene=SimpleNamespace(solids=[]))
 
         def step(h: float) -> None:
             if one.stepper.control.h_min > passes:

@@ -23,6 +23,7 @@ import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
+from ...contact.points import tangential
 from ...contact.solid.balance import MET
 from ...contact.solid.sliding import Sliding
 from ...solver.pcg import Solution
@@ -76,8 +77,11 @@ class SolvedStep(StepProblem):
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`."""
         balance, contacts, system = self.balance, self.contacts, self.system
+        if k:
+            self.relax()
         with self.clock.part("C-S"):
             if k:
+                balance.take(self.found)
                 balance.go_on(self.residual.off <= self.enough)
                 balance.hold()
                 contacts.base = system.model.read_particles()
@@ -165,9 +169,6 @@ class SolvedStep(StepProblem):
         solved = self.within(1.0) and not smoothed and not self.pairs
         if self.effort is not None:
             solved &= self.changes.enough(self.effort)
-        if not solved:
-            self.relax()
-        self.balance.take(self.found)
         return self.finish(measures) if solved else None
 
     @property
@@ -193,7 +194,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("CG"):
             slips, pressed = system.relax_next(cones, again)
         with self.clock.part("C-S"):
-            self.found = self.balance.relaxed(self.found, slips, pressed)
+            self.found = self.balance.relaxed(self.found, tangential(slips, cones.normal), pressed)
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`. A step that is nearly solved is taken, also where pairs of edges could be further apart."""
@@ -207,6 +208,7 @@ class SolvedStep(StepProblem):
         """Whether the step passes: nothing too deep or through solids, and no energy from nowhere."""
         contacts, system, solids = self.contacts, self.system, self.contacts.solids
         with self.clock.part("C-S"):
+            self.balance.take(self.found)
             self.balance.finish()
             self.held = self.balance.held
             r = self.residual
