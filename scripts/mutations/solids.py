@@ -9,7 +9,6 @@ PINS = f"{CONTACT}::test_solids_hold_nothing_where_pins_do"
 FRICTION = "tests/physics/test_friction.py"
 RULE, BALANCED = "taichi_cloth/contact/solid/coulomb.py", "taichi_cloth/contact/solid/balance.py"
 RULED = "tests/unit/test_coulomb.py"
-SOLVED_TURN = "tests/physics/test_solved_contact.py::test_law[turntable]"
 HALVED = f"{CONTACT}::test_each_solve_of_a_step_is_twice_as_exact_as_the_one_before"
 PROXIMAL = "tests/unit/test_proximal.py"
 COULOMBS = f"{CONTACT}::test_friction_in_every_step_is_coulombs"
@@ -332,8 +331,6 @@ MUTATIONS = (
      "tests/physics/test_solved_contact.py::test_a_slip_front_goes_through_in_one_step"),
     (BALANCED, "self.inertia[f.index], start.c)", "self.mass[f.index], start.c)", "a particle resists by its own mass alone",
      "tests/physics/test_solved_contact.py::test_law[rope_holds]"),
-    (BALANCED, "if taken is not needed and r.law <= agreed:", "if False:",
-     "a turn within the step is friction beyond the cone", SOLVED_TURN),
     ("taichi_cloth/step/nonlinear/solved_contact.py", "tangential(slips, cones.normal)", "slips",
      "friction presses contacts that open", PROXIMAL + "::test_friction_of_contacts_that_open_in_the_iterations_is_at_right_"
      "angles_to_their_normals"),

@@ -36,7 +36,7 @@ class Residual:
         worst: the particle that most of it is at.
         acting: all that acts [N s].
         changed: contacts that do another thing from here on.
-        law: |p by the law - p that the last linear solve took| over all that acts.
+        law: |p by the law - p that the last linear solve took| over all that acts, in steps that are solved.
     """
 
     off: float
@@ -157,9 +157,10 @@ class Balance:
         if fixed:
             f, slip = self._where_met(f, slip)
         r, rows, p, bears = self._by(taken, f, slip, b, v)
-        if taken is not needed and r.law <= agreed:
-            there = self._by(needed, f, slip, b, v)
-            if there[0].off <= enough:
+        if taken is not needed:
+            r = replace(r, law=_norm(p - self._took(taken, f, slip, bears)) / r.acting)
+            there = self._by(needed, f, slip, b, v) if r.law <= agreed else None
+            if there is not None and there[0].off <= enough:
                 r, rows, p, bears = replace(there[0], law=r.law), *there[1:]
         known, was = self.rows.of(f.key)
         other = ~known[bears] | (was.stick[bears] != rows.stick[bears])
@@ -269,9 +270,14 @@ class Balance:
             acting += _norm(by_pins)
             total[i] -= by_pins
         size = np.einsum("ni,ni->n", total, total)
-        bore = np.where((known | bears)[:, None], np.maximum(normal, 0)[:, None] * f.normal + borne(f, was, slip, held), 0.0)
-        return (Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting, law=_norm(p - bore) / acting),
-                rows, p, bears)
+        return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
+
+    def _took(self, taken: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
+        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now; it pulled at none."""
+        known, was = self.rows.of(f.key)
+        held, normal = (_rows(self.rows.key, values, f.key) for values in taken)
+        took = np.maximum(normal, 0)[:, None] * f.normal + borne(f, was, slip, held)
+        return np.where((known | bears)[:, None], took, 0.0)
 
     def go_on(self, solved: bool) -> None:
         """A further solve follows. If contacts began to slide in the first one, friction is smooth in the next, unless all is

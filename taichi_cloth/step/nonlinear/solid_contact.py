@@ -211,7 +211,7 @@ class SolidPolicy(EulerPolicy):
         if self.solved is not None and not self.system.contacts.hindered:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
             made = minimize(problem, 1 + self.system.options.newton_max + MORE)
-            self.system.finds = self.system.definite = False
+            self.system.stays_definite = self.system.definite = False
             if made.rejection is None or self.system.contacts.start.share > 1.5 / FINEST:
                 return made
             self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without it")

@@ -13,10 +13,11 @@ Differs from `solid_contact`: the balance is that of the step's end, not of its 
 
 Tried and left out:
 - Newton steps shortened until the potential falls, with terms of friction and without the work of constraints (`sphere_drape`
-  556 solves for 552, `table` 425 for 485, `bunny_drape` 1,522 for 1,298);
+  556 solves for 552, `table` 425 for 485);
 - the prediction as the first linearization's place (as many solves);
 - friction by secants to the end (three times as many steps: it converges by .9 a solve);
-- states by the forces that balance needs instead of those of the last solve (they never settle).
+- states by the forces that balance needs instead of those of the last solve (they never settle). They are tried where contacts
+  agree: without that `sphere_drape` takes 589 solves for 569, `bunny_drape` 1,966 to 2,711 for 837 to 2,125 (four frictions).
 """
 
 import math
@@ -43,7 +44,7 @@ AGREED = 0.01  # part of `contact_tol` by which impulses of contacts may be off 
 STRICT = 3  # solves of a step with which they may; in each further one by twice as much. Without end 664 solves, with 2 540
 FAR = 0.3  # part of `contact_tol` by which they are off where states come from the proximal gradient method; with 1 `table`
 # takes 430 solves for 389. After MET solves the law alone goes on: after 2, these 4 and without end `table` takes 510, 449 and
-# 485, `bunny_drape` 2,289, 800 and 1,298 solves; without the method 658 and 890
+# 485, without the method 658 (`bunny_drape` takes 800 to 2,300 with any of them, by chance)
 BEARABLE = 5.0  # times `contact_tol` with which a step is taken that is not solved: a smaller one costs twice as much. With 3
 # 597 solves for 562
 
@@ -69,7 +70,7 @@ class SolvedStep(StepProblem):
         self.enough = system.options.contact_tol or 0.0
         self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
         self.acting, self.relaxed = math.inf, False
-        system.definite, system.finds = False, True
+        system.definite, system.stays_definite = False, True
         with clock.part("C-S"):
             predict(system, h, held, together=False)
             self.balance = self.contacts.balance

@@ -34,8 +34,8 @@ class System:
         held: of the last solve.
         span: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
-        definite: whether terms that may be indefinite are left out of all linearizations from here on; finds: whether they are
-            after one was found to be.
+        definite: whether terms that may be indefinite are left out of every linearization; stays_definite: whether they are,
+            once a matrix was indefinite.
         gave: whether stitches gave in this step, which is tried again without them.
         pulled: whether something may be attached softly.
         fragile: whether single solves can be far off: something may rip or tear, or is blown up.
@@ -49,7 +49,7 @@ class System:
                  options: Options, runtime: Runtime, scene: Scene, contacts=None) -> None:
         self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
         self.scene, self._fields = scene, fields
-        self._proximal: ProximalGradient | None = None
+        self._relaxation: ProximalGradient | None = None
         self.notes: list[str] = []
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene, self.tell)
         self.pulled = any(force.attached is not None for force in forces)
@@ -67,7 +67,7 @@ class System:
         self.resolution = runtime.epsilon * extent
         self._indefinite = [force for force in forces if force.indefinite]
         self._moves = self._definite = False  # as it was linearized
-        self._over, self.definite, self.finds = 0.0, False, False
+        self._over, self.definite, self.stays_definite = 0.0, False, False
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
 
     def tell(self, note: str) -> None:
@@ -137,14 +137,13 @@ class System:
         Args:
             again: whether it was called for this system before.
         """
-        if self._proximal is None:
-            self._proximal = ProximalGradient(self._fields, self.solver)
+        method = self._proximal()
         if not again:
-            self._proximal.ended = None
+            method.ended = None
         if self.base is not None:  # dv is from it, the system's is from the guess
             self.start_over()
             self.add_guess(-1.0)
-        found = self._proximal.run(cones)
+        found = method.run(cones)
         if self.base is not None:
             self.add_guess(1.0)
         return found
@@ -155,12 +154,16 @@ class System:
         Args:
             again: whether it was called where that solve began.
         """
-        if self._proximal is None:
-            self._proximal = ProximalGradient(self._fields, self.solver)
-        before, method = self._proximal.ended, self._proximal
-        method.ended = before - read(self.solver.dv) if again and before is not None else None
+        method = self._proximal()
+        method.ended = method.ended - read(self.solver.dv) if again and method.ended is not None else None
         self.solver.dv.fill(0)
         return method.run(cones)
+
+    def _proximal(self) -> ProximalGradient:
+        """The method, made where it is first needed."""
+        if self._relaxation is None:
+            self._relaxation = ProximalGradient(self._fields, self.solver)
+        return self._relaxation
 
     def inertia(self) -> np.ndarray:
         """(n,) a third of the trace of each particle's block of A as linearized [kg]: its mass and h^2 times the stiffness
@@ -213,7 +216,7 @@ class System:
             self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
-            self.definite = self.finds
+            self.definite = self.stays_definite
             self.preconditioner.forget()  # its levels may be indefinite as well
             self.meter.linearize(self.span, self._moves, self._over)
             return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
