@@ -24,7 +24,7 @@ MANY = 10**9
 RULES: dict[str, list[Change]] = {
     "foresight": [("contact.step_start", "OFTEN", MANY)],
     "rough further solves": [("step.nonlinear.layer_contact", "LOOSER", 1.0), ("step.nonlinear.layer_contact", "ROUGH", 0.0),
-                             ("step.nonlinear.effort", "FURTHER", 0.0)],
+                             ("step.nonlinear.newton", "FURTHER", 0.0)],
     "brake": [("step.nonlinear.euler", "LIGHT", 0.0), ("step.nonlinear.euler", "MOST", 0.0),
               ("step.nonlinear.layer_contact", "MOST", 0.0)],
     "stiffer layers": [("contact.cloth.contact_pairs", "STIFFER", 1.0)],

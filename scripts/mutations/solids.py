@@ -88,7 +88,7 @@ MUTATIONS = (
     (STEP, "return self.rounds >= OFTEN", "return True", "also where nothing was to be expected", ROUGH),
     ("taichi_cloth/step/nonlinear/euler.py", "    touches = False", "    touches = True", "free cloth has rough ones too",
      "tests/hard/test_hard_starts.py"),
-    ("taichi_cloth/step/nonlinear/effort.py", "max(first, FURTHER) if first >= CG_TOL else first", "max(first, FURTHER)",
+    ("taichi_cloth/step/nonlinear/newton.py", "max(first, FURTHER) if first >= CG_TOL else first", "max(first, FURTHER)",
      "further solves are rough whatever is asked for", FORCES),
     ("taichi_cloth/step/stepper.py", "(s for s in attempt.solutions if not s.preliminary)", "(s for s in attempt.solutions)",
      "a record tells of preliminary residuals", HALVED),

@@ -142,7 +142,7 @@ class Contacts(Checkpointed):
         solids.record_forces(reaction, self.base[0])
         balance.inertia = balance.unrubbed(inertia)
         self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
-        others = solids.wanting() + int(solids.pinches.lags(self.start, solids.near.there))
+        others = solids.wanting() + int(solids.pinches.possible and solids.pinches.lags(self.start, solids.near.there))
         r = self.found.residual
         agrees = r.off <= max(self.enough, left / r.acting) and not balance.smoothed and not others
         solids.unsettled = 0 if agrees else max(r.changed, 1)

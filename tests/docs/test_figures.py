@@ -10,8 +10,8 @@ ROOT = pathlib.Path(__file__).parents[2]
 # page, what it says (the constant's value put in), file, constant
 SAID = (
     ("theory/cloth.md", "in the last {:g} rad", "forces/hinge.py", "CREST"),
-    ("theory/time.md", "The first\nsolve is to a relative residual of {:g}", "step/nonlinear/effort.py", "FIRST"),
-    ("theory/time.md", "the others to {:g}.", "step/nonlinear/effort.py", "OTHERS"),
+    ("theory/time.md", "The first\nsolve is to a relative residual of {:g}", "step/nonlinear/newton.py", "FIRST"),
+    ("theory/time.md", "the others to {:g}.", "step/nonlinear/newton.py", "OTHERS"),
     ("theory/time.md", "gain more than {:.0%} of the motion's energy", "step/nonlinear/history.py", "GAIN"),
     ("theory/time.md", "\\frac{{{:g}\\ \\text{{s}}}}{{h}}", "step/integrators/tr_bdf2.py", "HORIZON"),
     ("theory/time.md", "every up to {:g} substeps", "step/integrators/verlet.py", "SLOW"),

@@ -9,9 +9,8 @@ import taichi_cloth as tc
 from taichi_cloth.backend.rows import read, write
 from taichi_cloth.backend.timing import Clock
 from taichi_cloth.step.integrators.tr_bdf2 import Stage
-from taichi_cloth.step.nonlinear.effort import Effort
 from taichi_cloth.step.nonlinear.euler import EulerStep
-from taichi_cloth.step.nonlinear.newton import line_search, minimize, phi
+from taichi_cloth.step.nonlinear.newton import Effort, line_search, minimize, phi
 from taichi_cloth.system.checkpoint import VERSION
 
 FABRIC = tc.Fabric(0.2, tc.Stretch((900, 700), 0.6), tc.Shear(150, 0.1), tc.Bend(2e-3))

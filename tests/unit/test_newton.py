@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.step.nonlinear.effort import CG_TOL, FURTHER, LEAVES, PRELIMINARY, SURE, Effort, Forcing
+from taichi_cloth.step.nonlinear.newton import CG_TOL, FURTHER, LEAVES, PRELIMINARY, SURE, Effort, Forcing
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 import study_newton as study  # noqa: E402

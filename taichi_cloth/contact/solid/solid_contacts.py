@@ -92,12 +92,14 @@ class SolidContacts(Checkpointed):
         """A new attempt; the model is at its predicted end. Returns its start, with pinched particles among the pins."""
         self.trial, self.unsettled = self.accepted, 0
         self.penetration.crossed = self.penetration.before
-        self.firmness.begin()
+        if self.scan.pairs is not None:
+            self.firmness.begin()
         near = self.scan.look(start.h)
-        self.pinches.begin(start, near.vertices)
+        if self.pinches.possible:
+            self.pinches.begin(start, near.vertices)
+            start = replace(start, pins=self.pinches.with_pins(start.pins))
         self.penetration.pinched = self.pinches.around
-        self.near = self._minded(near)
-        self.start = replace(start, pins=self.pinches.with_pins(start.pins))
+        self.near, self.start = self._minded(near), start
         self.pinned = pinned_particles(self.start.pins, self.model.n)
         return self.start
 
@@ -167,7 +169,9 @@ class SolidContacts(Checkpointed):
             led: whether pairs are linearized with held particles at their targets. Else they are where they are.
         """
         mass, start = self.model.mass, self.start
-        rubbing = [self.pinches.rub(start, self.near.there, base[1])]
+        if self.pinches.possible:
+            self.pinches.rub(start, self.near.there, base[1])
+        rubbing = [self.pinches.rubbing]
         if self.near.pairs is None:
             return rubbing
         to_go = self._to_go() if led else np.zeros_like(self.near.there)
@@ -249,7 +253,8 @@ class SolidContacts(Checkpointed):
     def _record_others(self, reaction: np.ndarray, moved: np.ndarray) -> None:
         """Forces of pinched particles, and of pairs, in a solve that moved particles by (n, 3) [m]."""
         h = self.start.c
-        self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
+        if self.pinches.possible:
+            self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
             self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h), at=self.linearized.of(self.near.there))
 
@@ -280,8 +285,9 @@ class SolidContacts(Checkpointed):
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts. Particles that end wrong in a small one are pinched."""
         self.penetration.pass_time(self.start.h)
-        self.pinches.commit()
-        self.penetration.spare(np.flatnonzero(self.pinches.around))
+        if self.pinches.possible:
+            self.pinches.commit()
+            self.penetration.spare(np.flatnonzero(self.pinches.around))
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed

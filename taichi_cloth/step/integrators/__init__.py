@@ -53,7 +53,7 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
 
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):
-        from ..nonlinear.effort import FURTHER, PRELIMINARY, Effort
+        from ..nonlinear.newton import FURTHER, PRELIMINARY, Effort
         from .backward_euler import BackwardEuler
 
         first, others = (PRELIMINARY, FURTHER) if contacts is None else (CG_TOL, CG_TOL)  # on which contacts' states depend

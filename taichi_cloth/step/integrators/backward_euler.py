@@ -22,9 +22,9 @@ from ...system.checkpoint import Checkpointed
 from ...system.held import Held
 from ..attempt import Attempt
 from ..ledger import with_attachments
-from ..nonlinear.effort import Effort
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
+from ..nonlinear.newton import Effort
 from ..nonlinear.system import System
 from ..prescribed import Pump
 

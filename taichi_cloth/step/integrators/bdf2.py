@@ -28,8 +28,8 @@ from ...system.assembler import Measures
 from ...system.base import Base
 from ...system.held import Held
 from ..attempt import Attempt
-from ..nonlinear.effort import CALM, OTHERS, PART, PRELIMINARY, Effort
 from ..nonlinear.history import HistoryEnergy
+from ..nonlinear.newton import CALM, OTHERS, PART, PRELIMINARY, Effort
 from ..nonlinear.system import System
 from .backward_euler import BackwardEuler
 

@@ -33,9 +33,8 @@ from ...system.constraints import project
 from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, NEWTON, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages, with_attachments
-from ..nonlinear.effort import CALM, FIRST, OTHERS, PART, Changes, Effort
 from ..nonlinear.history import DEBT, FALL, GAIN, LAPSE
-from ..nonlinear.newton import HALVINGS, Outcome, StepProblem, minimize
+from ..nonlinear.newton import CALM, FIRST, HALVINGS, OTHERS, PART, Changes, Effort, Outcome, StepProblem, minimize
 from ..nonlinear.system import ROUNDING, System
 from ..prescribed import Pump
 

@@ -23,9 +23,8 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
 from ..ledger import STILL, Ledger
-from .effort import Changes, Effort, Forcing
 from .energy import LIGHT, MOST, EnergyTest
-from .newton import Outcome, StepProblem, minimize, phi
+from .newton import Changes, Effort, Forcing, Outcome, StepProblem, minimize, phi
 from .system import System
 
 PATIENCE = 5  # of them without one that goes all of its way
@@ -187,7 +186,7 @@ class EulerStep(StepProblem):
             return doubt <= most
         if not self.touches or doubt <= BEARABLE or self.excused:
             return True
-        g = max(float(np.linalg.norm(self.system.scene.gravity)), self.least_gravity)
+        g = max(float(np.linalg.norm(self.system.contacts.gravity)), self.least_gravity)
         fall = 0.5 * self.system.model.mass.sum() * (g * self.c) ** 2
         return abs(ledger.unaccounted) <= BEARABLE * fall
 

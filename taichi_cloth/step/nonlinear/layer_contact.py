@@ -19,10 +19,9 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
-from .effort import Effort
 from .energy import MOST, EnergyTest
 from .euler import EulerStep
-from .newton import Outcome, minimize
+from .newton import Effort, Outcome, minimize
 from .solid_contact import SolidPolicy, predict
 from .system import System
 

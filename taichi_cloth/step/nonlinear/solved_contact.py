@@ -31,9 +31,8 @@ from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
-from .effort import Changes, Effort
 from .energy import MOST, EnergyTest
-from .newton import Outcome, StepProblem
+from .newton import Changes, Effort, Outcome, StepProblem
 from .solid_contact import forces_at_end, predict
 from .system import System
 
