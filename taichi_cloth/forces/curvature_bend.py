@@ -79,9 +79,8 @@ class CurvatureBend(CurvatureLaw):
 
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
-        if self.remembers:
-            self._return_map(h)
-        return self.remembers
+        self._return_map(h)
+        return True
 
     @ti.kernel
     def _return_map(self, h: float):

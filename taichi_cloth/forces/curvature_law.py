@@ -12,7 +12,6 @@ import numpy as np
 
 from ..backend.fields import Fields
 from ..backend.language import ti
-from ..backend.rows import write
 from .conditions import TINY, unit
 from .curvature_force import CurvatureForce
 
@@ -44,15 +43,10 @@ class CurvatureLaw(CurvatureForce):
     def build_stiffness(self) -> None:
         """Allocates the fields that only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 3), True
-        self.over = self._fields.real(1, data=np.zeros(1))
         if self.damps:
             self.way, self.before = self._fields.real(self.elements.count, 9), self._fields.real(self.elements.count, 3)
         if self.remembers:
             self.hysteresis.build_stiffness(self._fields)
-
-    def damp_over(self, c: float) -> None:
-        """See `Force`."""
-        write(self.over, np.array([c], dtype=self.model.exchange))
 
     @ti.func
     def along(self, e, q, u, over):
@@ -98,7 +92,7 @@ class CurvatureLaw(CurvatureForce):
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         sums, over = ti.Vector.zero(dtype, 3), 0.0
         if ti.static(self.stiff):
-            over = self.over[0]
+            over = self.model.over[0]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             q = self.second(e, self.model.x)
             if self.elements.primary[e] == 1:

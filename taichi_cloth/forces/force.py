@@ -36,6 +36,7 @@ class Force(ABC):
         dead_load: whether it has no derivative, and so is in b alone: no product and no level takes it.
         time_dependent_energy: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
+        remembers: whether accepted steps may change it; if not, `accept` is not called.
         notes: sentences for the user, found when it was made.
     """
 
@@ -53,6 +54,7 @@ class Force(ABC):
     dead_load: bool = False
     time_dependent_energy: bool = False
     indefinite: bool = False
+    remembers: bool = True
     notes: Sequence[str] = ()
 
     def __init_subclass__(cls) -> None:
@@ -84,6 +86,10 @@ class Force(ABC):
 
         With `linearizes`, for an `Operator` `to`: b += c f, or c (f + K motion) with `moves`. It then keeps the block of
         -c D - c^2 K, and adds its diagonal to P.
+
+        Where the model's `over` is not 0, damping is an energy of a step of so many seconds: k_d/(2 over) (C - C_0)^2, C_0 of
+        the saved state, kept at the first call in such a step, the one with `moves`. Else, and for forces without a condition
+        C, it goes by velocities.
         """
 
     @abstractmethod
@@ -113,13 +119,6 @@ class Force(ABC):
 
     def add_low_rank(self, block, q):  # noqa: B027
         """q += the part of these sums on the rows of a block, the part of low rank in (-c D - c^2 K) p."""
-
-    def damp_over(self, c: float) -> None:  # noqa: B027
-        """In `evaluate` damping is from now on an energy of a step of c [s]: k_d/(2 c) (C - C_0)^2, C_0 of the saved state.
-
-        While c is 0, as at first, damping goes by velocities. Forces without a condition C do nothing. `evaluate` may keep C_0
-        at its first call in such a step, the one with `moves`.
-        """
 
     def leave_out(self, part: bool) -> None:  # noqa: B027
         """Leaves the part that may be indefinite out of the matrix, or not, from the next linearization on."""

@@ -6,10 +6,7 @@ Everything else is here: forces, energies and powers, the linear system, damping
 
 from typing import Any
 
-import numpy as np
-
 from ..backend.language import ti
-from ..backend.rows import write
 from .hinge import hinge_condition, hinge_condition_change, turned_by
 from .hinge_force import HingeForce
 
@@ -31,13 +28,9 @@ class HingeLaw(HingeForce):
     def build_stiffness(self) -> None:
         """Allocates the fields of implicit steps."""
         self.g, self.stiff = self._fields.real(self.elements.count, 9), True
-        self.over, self.before = self._fields.real(1, data=np.zeros(1)), self._fields.real(self.elements.count)
+        self.before = self._fields.real(self.elements.count)  # C where the step starts
         if self.exact:
             self.hessian = self._fields.real(self.elements.count, 81)
-
-    def damp_over(self, c: float) -> None:
-        """See `Force`."""
-        write(self.over, np.array([c], dtype=self.model.exchange))
 
     @ti.func
     def turned(self, e):
@@ -90,7 +83,7 @@ class HingeLaw(HingeForce):
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         sums, over = ti.Vector.zero(dtype, 3), 0.0
         if ti.static(self.stiff):
-            over = self.over[0]
+            over = self.model.over[0]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             C, C_dot, g_e, g_a, g_b = self.strain(e)
             turning = self.turning(e, g_e, g_a, g_b)

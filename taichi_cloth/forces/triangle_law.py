@@ -48,7 +48,6 @@ class TriangleLaw(TriangleForce):
         """
         self._fields, self._unit_energy = fields, unit_energy
         self.indefinite = self.mode == "projected"
-        self._over, self._whole = 0.0, True
 
     @abstractmethod
     def rest(self, e):
@@ -78,21 +77,11 @@ class TriangleLaw(TriangleForce):
     def build_stiffness(self) -> None:
         """Allocates the fields of implicit steps."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
-        self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 if K is whole
-
-    def damp_over(self, c: float) -> None:
-        """See `Force`; from here on negative eigenvalues are in the matrix too."""
-        self._over = c
-        self._set_way()
+        self.whole: Any = self._fields.real(1, data=np.ones(1))  # 1 if K is whole where damping is an energy
 
     def leave_out(self, part: bool) -> None:
         """Negative eigenvalues. They are in the matrix only where damping is an energy, so never in a step's first solve."""
-        self._whole = not part
-        self._set_way()
-
-    def _set_way(self) -> None:
-        whole = self._whole and self._over > 0
-        write(self.way, np.array([self._over, whole], dtype=self.model.exchange))
+        write(self.whole, np.array([not part], dtype=self.model.exchange))
 
     @ti.func
     def speeds(self, w_u, w_v, v_u, v_v):
@@ -149,7 +138,9 @@ class TriangleLaw(TriangleForce):
         n = ti.static(len(self.energies))
         sums, largest, change, used, over, whole = ti.Vector.zero(dtype, n + 2), 0.0, 0.0, 0.0, 0.0, 0.0
         if ti.static(self.stiff):
-            over, whole = self.way[0], self.way[1]
+            over = self.model.over[0]
+            if over > 0:
+                whole = self.whole[0]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)

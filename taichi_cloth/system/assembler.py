@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..backend.language import ti
+from ..backend.rows import write
 from ..backend.runtime import Runtime
 from ..backend.sums import GROUPS
 from .checkpoint import numbered
@@ -84,8 +85,7 @@ class Assembler:
     def __init__(self, model: ParticleState, forces: list, runtime: Runtime, operator: Operator | None) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
         self._prepared = [force for force in forces if force.does("prepare")]
-        self._damped = [force for force in forces if force.stiff and force.does("damp_over")]
-        self._over = 0.0  # see `Force.damp_over`
+        self._over = 0.0  # `ParticleState.over` as it is
         self.operator = operator  # type: ignore[assignment]
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self._rows = Rows(model, operator, self.sum_type)
@@ -105,7 +105,7 @@ class Assembler:
         """The model's current state, against its saved one.
 
         Args:
-            over: span [s] of a step over which damping is an energy, see `Force.damp_over`. Then R times it is this energy,
+            over: span [s] of a step over which damping is an energy, see `Force.evaluate`. Then R times it is this energy,
                 `damped` half of k_d ((C - C_0)/over)^2, and the further loss by damping's force is part of `rate`.
         """
         return self._look(0, 0, 0.0, over)
@@ -153,8 +153,7 @@ class Assembler:
     def _look(self, linearizes: int, moves: int, c: float, over: float) -> Measures:
         if over != self._over:
             self._over = over
-            for force in self._damped:
-                force.damp_over(over)
+            write(self.model.over, np.array([over], dtype=self.model.exchange))
         for force in self._prepared:
             force.prepare(self.operator.motion if moves else None)
         self._evaluate(linearizes, moves, c, self._report.rows)

@@ -152,6 +152,7 @@ class ParticleState:
         sewn: clusters of particles that are sewn together, or None.
         v_base: velocity [m/s] that a step or stage starts from, the saved one unless a method sets another.
         ahead: predictor offset [m]: the position that it starts from, less the saved one.
+        over: span [s] of a step over which damping is an energy of it; 0 where damping goes by velocities.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
 
@@ -186,6 +187,7 @@ class ParticleState:
         self.v = fields.real(self.n, 3, self.start_velocities[self.user])
         self.m = fields.real(self.n, data=self.mass)
         self.x_saved, self.v_saved, self.v_base, self.ahead = (fields.real(self.n, 3) for _ in range(4))
+        self.over = fields.real(1, data=np.zeros(1))
 
     def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
         """Declares a field of n numbers, or of n vectors of `width` numbers, that steps change; before fields are allocated.

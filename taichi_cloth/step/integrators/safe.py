@@ -43,6 +43,7 @@ class Safe(Checkpointed):
         self.stiffens_sharply = any(force.stiffens_sharply for force in system.meter.forces)
         self.touching, self.gained = False, 0.0  # whether cloth is in contact; energy [J] of the last attempt by `robust`
         self.last: TRBDF2 | BackwardEuler = accurate
+        self.fresh = False  # whether nothing was asked of `accurate` since it was reset
         self.largest = self.tried = 0.0  # steps [s]: of all, of the last attempt
         self.mean = self.mean_1 = np.zeros((self.model.n, 3))  # acceleration [m/s^2] in contact, over LAPSE; after the attempt
 
@@ -52,7 +53,7 @@ class Safe(Checkpointed):
         made, reason = None, TOUCH
         sewn = self.model.sewn
         if not (self.touching or self.system.gave or (sewn is not None and (sewn.open or sewn.pulled))):
-            self.last = self.accurate
+            self.last, self.fresh = self.accurate, False
             made = self.accurate.attempt(h, held_at, start)
             reason = made.rejection or ""
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
@@ -78,7 +79,10 @@ class Safe(Checkpointed):
         self.last.commit(taken)
         if self.last is self.robust:
             self.mean = self.mean_1
-            self.accurate.reset(max(0.0, self.accurate.debt + self.gained - taken))
+            debt = max(0.0, self.accurate.debt + self.gained - taken)
+            if not self.fresh or debt != self.accurate.debt:
+                self.accurate.reset(debt)
+                self.fresh = True
             self.touching = self.contacts is not None and self.contacts.touching
         else:
             self.robust.follow(self.tried, self.accurate.power)

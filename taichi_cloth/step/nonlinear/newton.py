@@ -3,7 +3,7 @@
     Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + terms of contact,
 
 R half the dissipated power; in further solves of backward Euler without contact, c R has damping as an energy of the step,
-see `Force.damp_over`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A Newton step dv solves
+see `Force.evaluate`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A Newton step dv solves
 (M - c D - c^2 K) dv = M (v_base - v) + c f. With a positive semidefinite K it goes downhill on Phi.
 """
 
