@@ -115,10 +115,10 @@ def goes_on(request: pytest.FixtureRequest) -> Iterator[None]:
     """Of a test that is not marked with `restarts`: Taichi goes on as it was."""
     from taichi_cloth.backend import runtime
 
-    before, usual = runtime.generation(), THREADS == 1 and _usual()
+    before, usual = runtime.generation, THREADS == 1 and _usual()
     yield
     if usual and not _restarts(request.node):
-        assert _usual() and runtime.generation() <= before + 1, "it starts Taichi anew: mark it with `restarts`"
+        assert _usual() and runtime.generation <= before + 1, "it starts Taichi anew: mark it with `restarts`"
 
 
 def _usual() -> bool:

@@ -131,7 +131,7 @@ MUTATIONS = (
     (MEMBRANE, "force_v, slope_v = force_v + k[D_V] * v, slope_v", "force_v, slope_v = force_v, slope_v",
      "weft's damping does not turn with the cloth in the matrix", STEPS_DAMPING),
     (MEMBRANE, "C = (k_s * C + k[D_S] * s)", "C = (k_s * C)", "nor does shear's", STEPS_DAMPING),
-    (LOOPS, "whole = self._whole and self._over > 0", "whole = False", "further solves are projected wherever they are",
+    (LOOPS, "whole = self.whole[0]", "whole = 0.0", "further solves are projected wherever they are",
      STEPS_DAMPING),
     (LOOPS, "+ k_d[1] * r_v * (v_dot - r_v)", "", "what weft's damping takes beyond is unaccounted for", BALANCE),
     (HINGES, "C_dot = turned_by(C, self.before[e]) / over", "C_dot += 0", "bending's damping is no energy of a step",

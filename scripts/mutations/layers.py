@@ -150,7 +150,7 @@ MUTATIONS = (
      "what stays is lost where fewer are found than go", STRAYS),
     (CONTACT + "cloth/broad_phase.py", "(self.distances, apart)", "(self.distances, 2 * apart)",
      "pairs that were found are taken for further apart than they are", STRAYS),
-    ("taichi_cloth/backend/dealing.py", "return most > room", "return False", "what lists have no room for is left out",
+    ("taichi_cloth/backend/rows.py", "return most > room", "return False", "what lists have no room for is left out",
      FOUND),
     ("taichi_cloth/backend/dealing.py", "piece * ((rows + pieces - 1) // pieces)", "piece * rows // pieces",
      "pieces of many rows are cut where integers overflow",

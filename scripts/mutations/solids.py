@@ -44,12 +44,12 @@ HOLDING = "taichi_cloth/contact/solid/active_set.py"
 DETECTION = "taichi_cloth/contact/solid/vertices.py"
 DISTANCE = "taichi_cloth/contact/solid/sdf.py"
 SURFACES = "taichi_cloth/contact/solid/mesh.py"
-NEARBY = "taichi_cloth/contact/solid/pair_candidates.py"
+NEARBY = "taichi_cloth/contact/solid/pair_detector.py"
 TREE = "taichi_cloth/contact/solid/tree.py"
 SCAN = "taichi_cloth/contact/solid/query.py"
 TOUCH = "taichi_cloth/contact/points.py"
 CLOSEST = "taichi_cloth/contact/geometry.py"
-CROSSING = "taichi_cloth/contact/solid/mesh.py"
+TRIANGLES = "taichi_cloth/contact/geometry.py"
 ROWS = "taichi_cloth/contact/points.py"
 ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
@@ -171,8 +171,8 @@ MUTATIONS = (
     (SURFACES, "side = 1.0 if closed == 1 else side_0", "side = side_0", "cloth stays inside closed meshes",
      f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
     (NEARBY, "return cloth + 0.5 *", "return 0.5 * cloth + 0.5 *", "edges close in at half their speed", DRIVES),
-    (SURFACES, "if d - r < speed:", "if d - r < 0.3 * speed:", "what closes in fast is not looked at", DRIVES),
-    (SURFACES, "near = n.dot(out) > INWARD", "near = n.dot(out) > 0.9 + INWARD",
+    (NEARBY, "if d - r < speed:", "if d - r < 0.3 * speed:", "what closes in fast is not looked at", DRIVES),
+    (NEARBY, "near = n.dot(out) > INWARD", "near = n.dot(out) > 0.9 + INWARD",
      "edges count only from straight above", SWEPT),
     (SURFACES, "carried = carry(poses, solid, a)", "carried = a", "what sticks to a mesh stays behind", STICKS),
     (NEARBY, "low, high = low - reach, high + reach", "low, high = low + reach, high - reach", "boxes of faces are too small",
@@ -230,9 +230,9 @@ MUTATIONS = (
     (CLOSEST, "t = (B * s + f) / E", "t = (B * s - f) / E", "closest points of edges", SHAPES),
     (CLOSEST, "elif d6 >= 0 and d5 <= d6:", "elif d6 >= 0 and d5 >= d6:", "closest corner of a triangle", SHAPES),
     # the last word
-    (CROSSING, "if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:", "if through(a, b, c, d, e, g) > 1:",
+    (NEARBY, "if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:", "if through(a, b, c, d, e, g) > 1:",
      "crossings are overlooked", f"{SHAPES}::test_crossings_of_a_state_are_seen"),
-    (CROSSING, "if n.dot(p) * n.dot(q) < 0:", "if n.dot(p) * n.dot(q) > 0:", "edges on one side of a triangle cross it",
+    (TRIANGLES, "if n.dot(p) * n.dot(q) < 0:", "if n.dot(p) * n.dot(q) > 0:", "edges on one side of a triangle cross it",
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),
     (RESPONSE, "return self.penetration.look_across() and self.may_shrink()", "return False", "crossings reject no step",
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),

@@ -1,4 +1,4 @@
-"""Rows of fields: those that are used, and numpy arrays of them.
+"""Rows of fields: those that are used, and numpy arrays of them; lists of rows that kernels write.
 
 On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, with a kernel's launch it took .15 ms. On a
 device a kernel hands over the rows that are asked for, not all that a field has room for.
@@ -10,6 +10,7 @@ from . import counting, field_pool, launches, runtime
 from .language import ti
 
 KINDS = {"f32": np.float32, "f64": np.float64, "i32": np.int32}  # of fields
+GROWTH = 1.5  # times the number that a piece turned out to write down, where that is more than there was room for
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
 
 
@@ -28,7 +29,7 @@ def in_reach() -> bool:
 
 def by_kernels() -> bool:
     """Whether they are handed over by kernels, as on a device."""
-    return runtime.for_device() or not in_reach()
+    return not runtime.direct
 
 
 def numbers(field) -> np.ndarray:
@@ -107,3 +108,40 @@ def fill(field: ti.template(), width: ti.template(), j, number):
         field[j] = number
     else:
         field[j // width][j % width] = number
+
+
+class Lists:
+    """Rows that each piece of a loop (see `dealing`) writes down in a list of its own.
+
+    A kernel gets `arrays` and writes how many rows each piece has, or would have if there were room, to `count`.
+
+    Args:
+        pieces: of the loop.
+        room: rows of each to begin with.
+        kinds: widths and types of its columns.
+    """
+
+    def __init__(self, pieces: int, room: int, kinds: list[tuple[int, type]]) -> None:
+        self._kinds = kinds
+        self.count: np.ndarray = np.zeros(pieces, dtype=np.int32)
+        self._make(room)
+
+    def _make(self, room: int) -> None:
+        shape = len(self.count), room
+        self.arrays: list[np.ndarray] = [np.zeros((*shape, width), dtype=kind) for width, kind in self._kinds]
+
+    def grow(self) -> bool:
+        """Makes room for entries that did not fit; False if all did."""
+        most, room = int(self.count.max(initial=0)), self.arrays[0].shape[1]
+        if most > room:
+            self._make(int(GROWTH * most))
+        return most > room
+
+    def joined(self) -> list[np.ndarray]:
+        """The columns of all pieces, one after the other: arrays (rows, width)."""
+        room = self.arrays[0].shape[1]
+        if len(self.count) > room:  # as on a device: a slice of each piece would take longer than a look at all rows
+            used = np.flatnonzero(np.arange(room) < self.count[:, None])
+            return [array.reshape(-1, array.shape[2]).take(used, axis=0) for array in self.arrays]
+        count = self.count.tolist()
+        return [np.concatenate([rows[:k] for rows, k in zip(array, count)]) for array in self.arrays]

@@ -71,7 +71,8 @@ class Runtime:
 
 
 _current: Runtime | None = None
-_generation = 0
+generation = 0  # counts the starts: fields made in an earlier generation are dead
+direct = False  # whether numbers of fields are read and written where they lie, and not handed over by kernels: see `rows`
 _holders: weakref.WeakSet = weakref.WeakSet()  # of fields
 
 
@@ -91,7 +92,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     Raises:
         BackendError: an arch that is not there, or a precision that it lacks.
     """
-    global _current, _generation
+    global _current, generation, direct
     checks.choice("arch", arch, ARCHS)
     checks.choice("precision", precision, PRECISIONS)
     checks.choice(LAYOUT, os.environ.get(LAYOUT, "cpu"), ("cpu", "device"), BackendError)
@@ -107,10 +108,12 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     from .language import ti
 
     wanted = Runtime(arch, precision, threads or there, debug, compiler.version(ti))
+    seen = arch == "cpu" and field_pool.SEEN and not wanted.device
     if wanted == _current and (len(_holders) or field_pool.holds()):
         if len(_holders):
             gc.collect()  # simulations that nobody knows any more hold fields until then
         field_pool.trim()
+        direct = seen
         return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
     words, before = io.StringIO() if quiet else sys.stdout, placement.running()
@@ -127,7 +130,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     placement.place(before, wanted.threads if arch == "cpu" else 0)
     _holders.clear()
     field_pool.forget()
-    _current, _generation = wanted, _generation + 1
+    _current, generation, direct = wanted, generation + 1, seen
     return wanted
 
 
@@ -169,11 +172,6 @@ def hold(thing: object) -> None:
 def let_go(thing: object) -> None:
     """A thing has given its fields back."""
     _holders.discard(thing)
-
-
-def generation() -> int:
-    """Counts the starts: fields made in an earlier generation are dead."""
-    return _generation
 
 
 def available(arch: str) -> bool:

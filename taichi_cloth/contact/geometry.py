@@ -1,4 +1,4 @@
-"""Closest points of points, edges and triangles. [Ericson, Real-Time Collision Detection, §5.1]"""
+"""Closest points of points, edges and triangles, and triangles that cross. [Ericson, Real-Time Collision Detection, §5.1]"""
 
 from ..backend.language import ti
 
@@ -79,3 +79,51 @@ def of_pair(kind, p, q, a, b, c):
         s = along
         w = ti.Vector([1 - t, t, 0.0])
     return w[0] * a + w[1] * b + w[2] * c - p - s * (q - p), w, s
+
+
+@ti.func
+def within(radius, a, b, c, d, e, f):
+    """1 if triangles (a, b, c) and (d, e, f) that do not cross are nearer to each other than a radius."""
+    out = 0
+    if radius > 0:
+        face, core = ti.Matrix.rows([a, b, c]), ti.Matrix.rows([d, e, f])
+        for k in range(3):
+            p, q = row(core, k), row(core, (k + 1) % 3)
+            w = on_triangle(p, a, b, c)
+            if (w[0] * a + w[1] * b + w[2] * c - p).norm() < radius:
+                out = 1
+            for j in range(3):
+                r, s = row(face, j), row(face, (j + 1) % 3)
+                along, t = of_segments(p, q, r, s)
+                if (p + along * (q - p) - r - t * (s - r)).norm() < radius:
+                    out = 1
+    return out
+
+
+@ti.func
+def through(a, b, c, d, e, f):
+    """Number of edges of triangle (a, b, c) that pass through triangle (d, e, f)."""
+    n = (e - d).cross(f - d)
+    corners = ti.Matrix.rows([a - d, b - d, c - d])
+    count = 0
+    for k in range(3):
+        p, q = row(corners, k), row(corners, (k + 1) % 3)
+        if n.dot(p) * n.dot(q) < 0:
+            way, u, w = q - p, e - d, f - d
+            one = way.dot((-p).cross(u - p))
+            two = way.dot((u - p).cross(w - p))
+            three = way.dot((w - p).cross(-p))
+            if (one > 0 and two > 0 and three > 0) or (one < 0 and two < 0 and three < 0):
+                count += 1
+    return count
+
+
+@ti.func
+def row(m, k):
+    """Row k, not known when compiling."""
+    out = ti.Vector([m[2, 0], m[2, 1], m[2, 2]])
+    if k == 0:
+        out = ti.Vector([m[0, 0], m[0, 1], m[0, 2]])
+    if k == 1:
+        out = ti.Vector([m[1, 0], m[1, 1], m[1, 2]])
+    return out

@@ -183,7 +183,7 @@ class _Start:
             part, blocking = detector.collision_free_step()
             if part == 1:
                 return by
-            four = np.concatenate([four, detector.mesh.particles_of(blocking)])
+            four = np.concatenate([four, detector.particles_of(blocking)])
             by = as_one(by, _joined(four, self.knots), still)
         self.model.write_particles(x + by, self.v)
         detector.cover()

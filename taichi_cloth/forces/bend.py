@@ -46,7 +46,7 @@ class Bend(HingeLaw):
             stiff = np.column_stack([law.own * rest[:, 0] + law.k.sum(axis=1), rest[:, 1:]])  # before sliders give
             rest = np.column_stack([law.own * rest[:, 0], rest[:, 1:]])
         self._begin(fields, [h for _, h in parts], vertices, rest, stiff)
-        self.has_extra_torque = self.has_crease_side = self.remembers = law is not None
+        self.has_extra_torque = self.has_crease_side = law is not None
         self.time_dependent = law is not None  # explicit steps must be as short as its changes
         self.hysteresis: Any = None
         if law is not None:
@@ -73,8 +73,9 @@ class Bend(HingeLaw):
 
     def accept(self, h: float) -> bool:
         """Sliders follow the hinges."""
-        self._return_map(h)
-        return True
+        if self.has_extra_torque:
+            self._return_map(h)
+        return self.has_extra_torque
 
     @ti.kernel
     def _return_map(self, h: float):

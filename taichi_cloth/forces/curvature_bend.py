@@ -79,8 +79,9 @@ class CurvatureBend(CurvatureLaw):
 
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
-        self._return_map(h)
-        return True
+        if self.remembers:
+            self._return_map(h)
+        return self.remembers
 
     @ti.kernel
     def _return_map(self, h: float):

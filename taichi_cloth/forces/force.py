@@ -36,7 +36,6 @@ class Force(ABC):
         dead_load: whether it has no derivative, and so is in b alone: no product and no level takes it.
         time_dependent_energy: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
-        remembers: whether accepted steps may change it; if not, `accept` is not called.
         notes: sentences for the user, found when it was made.
     """
 
@@ -54,7 +53,6 @@ class Force(ABC):
     dead_load: bool = False
     time_dependent_energy: bool = False
     indefinite: bool = False
-    remembers: bool = True
     notes: Sequence[str] = ()
 
     def __init_subclass__(cls) -> None:

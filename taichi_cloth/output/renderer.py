@@ -67,7 +67,7 @@ class Renderer:
         images = surfaces.textures
         self.images = images.texels, images.levels, images.decode
         runtime.hold(self)
-        self.generation = runtime.generation()
+        self.generation = runtime.generation
 
     @property
     def transparent(self) -> bool:
@@ -97,7 +97,7 @@ class Renderer:
         Args:
             exposure: its number, where a picture is the mean of many: rays of each go other ways.
         """
-        if self.generation != runtime.generation():
+        if self.generation != runtime.generation:
             raise BackendError("this renderer ended when a simulation was started with a different arch, precision or number "
                                "of threads: make another")
         placement.mind()

@@ -60,7 +60,7 @@ class Parts:
         self.watchers: list[Callable[[StepRecord], object]] = []  # are told of every step
         self.recall(())
         self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
-        self._generation, self._open = runtime.generation(), True
+        self._generation, self._open = runtime.generation, True
         self.integrator_name = asked.integrator
         self._fields = Fields(self.runtime.exchange, self.runtime.debug, self.runtime.arch == "cpu")
         try:
@@ -191,7 +191,7 @@ class Parts:
     @property
     def is_open(self) -> bool:
         """Whether it can go on: it was not closed, nor ended by one of another arch, precision or number of threads."""
-        return self._open and self._generation == runtime.generation()
+        return self._open and self._generation == runtime.generation
 
     def recall(self, records: Sequence[StepRecord]) -> None:
         """The log and the tally are those of earlier steps that this simulation goes on from."""
@@ -228,7 +228,7 @@ class Parts:
     def _live(self: P) -> P:
         if not self._open:
             raise BackendError("this simulation was closed")
-        if self._generation != runtime.generation():
+        if self._generation != runtime.generation:
             raise BackendError("this simulation ended when another was started with a different arch, precision or "
                                "number of threads: use one of them at a time")
         return self

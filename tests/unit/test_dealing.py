@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from taichi_cloth.backend import runtime
-from taichi_cloth.backend.dealing import Dealer, Lists
+from taichi_cloth.backend.dealing import Dealer
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
+from taichi_cloth.backend.rows import Lists
 
 pytestmark = pytest.mark.restarts
 

@@ -263,6 +263,7 @@ def test_memory_is_filled_as_kernels_fill_it(fields, monkeypatch):
         made = []
         for straight in (True, False):
             monkeypatch.setattr(runtime, "on_cpu", lambda straight=straight: straight)
+            monkeypatch.setattr(runtime, "direct", straight)
             held = Fields(np.float64)
             some = (held.real(50, 3, numbers), held.integer(40, 1, whole), held.real(150, 1, numbers),
                     held.integer(20, 2, whole), held.real(7, 2))

@@ -9,17 +9,17 @@ leaving it: it brings nothing nearer.
 import numpy as np
 
 from ...backend.bvh import BVH, LEAF
-from ...backend.dealing import Dealer, Lists
+from ...backend.dealing import Dealer
 from ...backend.fields import Fields
 from ...backend.language import ti
-from ...backend.rows import write
+from ...backend.rows import Lists, write
 from ...backend.sums import Sums
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of, least_between
-from ..solid.pair_candidates import MOST
+from ..solid.pair_detector import MOST
 from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:

@@ -77,14 +77,6 @@ class CollisionMesh:
         """(k,) whether faces a and b (k,) are of cloths that meet."""
         return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
 
-    def particles_of(self, pairs: np.ndarray) -> np.ndarray:
-        """(k, 4) particles of pairs (k, 3), see `ContactPairs.pair`."""
-        i, j, faces = pairs[:, 0], pairs[:, 1], pairs[:, 2] == VERTEX_FACE
-        out = np.empty((len(pairs), 4), dtype=np.int64)
-        out[faces] = np.column_stack([i[faces], self.faces[j[faces]]])
-        out[~faces] = np.concatenate([self.edges[i[~faces]], self.edges[j[~faces]]], axis=1)
-        return out
-
     def around(self, some: np.ndarray) -> np.ndarray:
         """(n,) whether particles are among some (n,) or neighbours of these: of a face with one."""
         out = some.copy()

@@ -220,7 +220,7 @@ class Layers(Checkpointed):
             return
         p, compared, blocks = self.near, self.compared, np.zeros(self.model.n, dtype=bool)
         assert compared is not None
-        blocks[self.detector.mesh.particles_of(self.blocking).ravel()] = True
+        blocks[self.detector.particles_of(self.blocking).ravel()] = True
         stopped = blocks[p.vertices].all(axis=1) & (compared.rows >= 0) & (p.room < CLOSE)
         if stopped.any():
             self._stiffen()
@@ -282,7 +282,7 @@ class Layers(Checkpointed):
 
     def release(self) -> bool:
         """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Returns whether any are."""
-        four = self.detector.mesh.particles_of(self.blocking)
+        four = self.detector.particles_of(self.blocking)
         self.intersections.release(four.ravel())
         self._let_rest()
         return len(four) > 0

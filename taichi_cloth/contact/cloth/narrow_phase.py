@@ -6,10 +6,9 @@ Candidates come from `broad_phase`; distances and the collision-free step are ta
 
 import numpy as np
 
-from ...backend.dealing import Lists
 from ...backend.fields import Fields
 from ...backend.language import ti
-from ...backend.rows import write
+from ...backend.rows import Lists, write
 from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
@@ -64,6 +63,14 @@ class LayerDetector(Candidates):
         self._free(c, self.distances, self.radii, part)
         least = float(part.min())
         return least, c[part < 1]
+
+    def particles_of(self, pairs: np.ndarray) -> np.ndarray:
+        """(k, 4) particles of pairs (k, 3), see `ContactPairs.pair`."""
+        i, j, faces = pairs[:, 0], pairs[:, 1], pairs[:, 2] == VERTEX_FACE
+        out = np.empty((len(pairs), 4), dtype=np.int64)
+        out[faces] = np.column_stack([i[faces], self.mesh.faces[j[faces]]])
+        out[~faces] = np.concatenate([self.mesh.edges[i[~faces]], self.mesh.edges[j[~faces]]], axis=1)
+        return out
 
     def look(self, swept: bool = False) -> ContactPairs:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""

@@ -38,7 +38,7 @@ class Intersections(Checkpointed):
 
     Attributes:
         count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way
-            was free for them.
+            was free for them, and still rest.
         resting: (n,) whether pairs of a particle with another such rest; active: whether any does.
         until: (n,) time [s] for which a particle that was pinched rests.
         edges, rows: (k, 2) particles and (k,) rows of faces that crossed where the step begins.
@@ -61,20 +61,12 @@ class Intersections(Checkpointed):
         self.resting, self.active = np.zeros(n, dtype=bool), False
         self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)  # where the step begins
         self.found = self.edges, self.rows  # where cloth was last looked at
+        self.count = self.pinched = 0
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
-        self.found = self.edges, self.rows
+        self.found, self.count = (self.edges, self.rows), len(self.rows)
         self._rest()
-
-    @property
-    def pinched(self) -> int:
-        """Particles that were let go and still rest."""
-        return int(np.sum(self.until > 0))
-
-    @property
-    def count(self) -> int:
-        return len(self.found[1])
 
     def inspect(self) -> list[str]:
         """Notes on crossings at the start.
@@ -98,6 +90,7 @@ class Intersections(Checkpointed):
         """
         edges, rows, sewn = self._crossing_at(x, among)
         self.found = edges[~sewn], rows[~sewn]
+        self.count = len(self.found[1])
 
     def beside_seams(self, x: np.ndarray, apart: np.ndarray) -> int:
         """How many cross at positions (n, 3) that share a corner by a seam: contact leaves such pairs alone, since they are to
@@ -149,13 +142,14 @@ class Intersections(Checkpointed):
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True
         near[self.faces[self.rows].ravel()] = True
-        self.resting = self.mesh.around(near) | (self.until > 0)
-        self.active = bool(self.resting.any())
+        self.resting = self.mesh.around(near)
+        self.release(np.zeros(0, dtype=np.int64))
 
     def release(self, particles: np.ndarray) -> None:
         """Lets pairs of particles, by numbers or as a mask (n,), rest for a while."""
         self.until[particles] = SPARED
-        self.resting = self.resting | (self.until > 0)
+        pinched = self.until > 0
+        self.resting, self.pinched = self.resting | pinched, int(np.sum(pinched))
         self.active = bool(self.resting.any())
 
     def lead_apart(self, p: ContactPairs, stuck: np.ndarray) -> None:

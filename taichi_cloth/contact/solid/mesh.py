@@ -1,12 +1,8 @@
-"""Cloth against triangles of solids, both on their way through the step.
+"""Vertices of cloth against the surfaces of mesh solids, both on their way through the step.
 
-Vertices of cloth meet the surfaces of mesh solids: a plane each, like those of analytic solids. Edges and corners
-of solids meet edges and faces of cloth: a pair each. The places where they come near enough within the step are found by
-conservative advancement: strides of the distance left over the speed left, which cannot jump over a contact.
-
-Whether cloth passes through triangles at the end is the last word on a step. Detection follows pairs to where they come near;
-cloth that slides a long way along an edge, or turns, in one step can still slip past it. A step that leaves a new crossing
-behind is not accepted while it can be made smaller.
+A vertex meets a plane, like those of analytic solids. It is that of the nearest triangle, or of the first that the vertex
+comes near within the step. That one is found by conservative advancement: strides of the distance left over the speed left,
+which cannot jump over a contact.
 """
 
 import numpy as np
@@ -16,16 +12,10 @@ from ...backend.fields import Fields
 from ...backend.language import ti
 from ...scene.scene import Scene
 from ...system.state import ParticleState
-from ..geometry import of_pair, of_segments, on_triangle
-from .pair_candidates import PAIRS, PairCandidates, which
-from .pairs import Pairs
 from .tree import OFF, TriangleTree
 from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
 
 STRIDES = 24
-FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
-INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair lies across the solid
-COLUMNS = 18  # numbers of a pair, see `Pairs`
 
 
 @ti.data_oriented
@@ -161,205 +151,3 @@ class SurfaceDetector:
                     else:
                         s += left / speed
         return when
-
-
-@ti.data_oriented
-class PairDetector:
-    """Edges and corners of solids against edges and faces of cloth."""
-
-    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, tree: TriangleTree) -> None:
-        self.model, self.tree = model, tree
-        self.near = PairCandidates(fields, model, scene, tree)
-        self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
-        self.rows: np.ndarray = np.zeros((1024, COLUMNS), dtype=fields.exchange)
-        self._found: np.ndarray = np.zeros(1, dtype=np.int32)
-
-    def find(self, poses: np.ndarray) -> Pairs:
-        """All pairs that come within range in the step from x_saved to x; poses as in `VertexDetector.detect`."""
-        candidates = self.near.cover()
-        while True:
-            self._found[0] = 0
-            if len(candidates):
-                self._find(poses, candidates, self._found, self.rows)
-            if self._found[0] <= len(self.rows):
-                break
-            self.rows = np.zeros((2 * int(self._found[0]), COLUMNS), dtype=self.rows.dtype)
-        rows = self.rows[: self._found[0]].astype(np.float64)
-        key = (rows[:, 15].astype(np.int64) << 32) + rows[:, 16].astype(np.int64)
-        rows, key = rows[np.argsort(key)], np.sort(key)
-        face, shift = rows[:, 15].astype(np.int64) // 4, rows[:, 15].astype(np.int64) % 4
-        corner = self.near.faces_host[face]
-        vertices = np.stack([corner[np.arange(len(face)), (shift + k) % 3] for k in range(3)], axis=1) if len(face) else \
-            np.zeros((0, 3), dtype=np.int64)
-        return Pairs(vertices, rows[:, :3], rows[:, 17].astype(np.int64), rows[:, 3:6], rows[:, 6], rows[:, 9:12],
-                     rows[:, 12:15], key)
-
-    @ti.kernel
-    def _find(self, poses: ti.types.ndarray(), candidates: ti.types.ndarray(), found: ti.types.ndarray(),
-              rows: ti.types.ndarray()):
-        for c in range(candidates.shape[0]):
-            kind, k, shift = which(candidates[c, 1] % PAIRS)
-            self.test(kind, candidates[c, 0], candidates[c, 1] // PAIRS, k, shift, poses, found, rows)
-
-    @ti.func
-    def test(self, kind, f, t, k, shift, poses: ti.template(), found: ti.template(), rows: ti.template()):
-        """One pair; written down where it comes within range and ends there."""
-        info = self.tree.info[t]
-        r_0 = self.near.radius[info[0]]
-        r = r_0 + self.near.range[info[0]]
-        i, j = self.near.ends(kind, t, k)
-        v = self.near.faces[f]
-        v_0, v_1, v_2 = v[shift], v[(shift + 1) % 3], v[(shift + 2) % 3]
-        difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, 0.0)
-        d = difference.norm()
-        speed = self.near.speed(kind, f, t, k, self.model.x_saved, self.model.x)
-        if d - r < speed:
-            n = difference / ti.max(d, 1e-20)
-            end, w_1, along_1 = self.pair(kind, i, j, v_0, v_1, v_2, 1.0)
-            d_1 = end.norm()
-            n_1 = end / ti.max(d_1, 1e-20)
-            s = 0.0
-            for _ in range(STRIDES):
-                if d - r > HIT * r and s <= 1:
-                    s += ti.max(d - r, HIT * r) / speed
-                    difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, ti.min(s, 1.0))
-                    d = difference.norm()
-                    n = difference / ti.max(d, 1e-20)
-            most = d_1 - r_0
-            if s > 1 or n_1.dot(n) > FORWARD:  # else it turned a long way, or passed through: as when it came near
-                n, w, along = n_1, w_1, along_1
-            elif n_1.dot(n) < 0:
-                most = r  # passed through: no distance at the end, but where it came near
-            self.write(kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses, found, rows)
-
-    @ti.func
-    def write(self, kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses: ti.template(),
-              found: ti.template(), rows: ti.template()):
-        """Writes a pair down where it ends within range; its distance is `most` at most, that of the nearest place then."""
-        x = ti.static(self.model.x)
-        x_0 = ti.static(self.model.x_saved)
-        at_1 = (1 - along) * self.tree.vertex(i, 1.0) + along * self.tree.vertex(j, 1.0)
-        at_0 = (1 - along) * self.tree.vertex(i, 0.0) + along * self.tree.vertex(j, 0.0)
-        here = w[0] * x[v_0] + w[1] * x[v_1] + w[2] * x[v_2]
-        gap = ti.min(n.dot(here - at_1) - r_0, most)
-        near = gap < r - r_0
-        if near and self.tree.info[t][2] == 1:  # not from the far side of the solid
-            out = self.tree.normal(i) + self.tree.normal(j)
-            near = n.dot(out) > INWARD * out.norm() - 1e-6
-        if near:
-            start = w[0] * x_0[v_0] + w[1] * x_0[v_1] + w[2] * x_0[v_2]
-            carried = start + at_1 - at_0
-            if self.deforms[self.tree.info[t][0]] == 0:
-                carried = carry(poses, self.tree.info[t][0], start)
-            row = ti.atomic_add(found[0], 1)
-            if row < rows.shape[0]:
-                for c in ti.static(range(3)):
-                    rows[row, c] = w[c]
-                    rows[row, 3 + c] = n[c]
-                    rows[row, 9 + c] = carried[c]
-                    rows[row, 12 + c] = here[c]
-                rows[row, 6] = gap
-                rows[row, 15] = 4 * f + shift
-                rows[row, 16] = 8 * t + 2 * k + kind
-                rows[row, 17] = self.tree.info[t][0]
-
-    @ti.func
-    def pair(self, kind, i, j, v_0, v_1, v_2, s):
-        """`of_pair` at the part s of the step."""
-        x = ti.static(self.model.x)
-        x_0 = ti.static(self.model.x_saved)
-        return of_pair(kind, self.tree.vertex(i, s), self.tree.vertex(j, s), x_0[v_0] + s * (x[v_0] - x_0[v_0]),
-                       x_0[v_1] + s * (x[v_1] - x_0[v_1]), x_0[v_2] + s * (x[v_2] - x_0[v_2]))
-
-
-@ti.data_oriented
-class CrossingCounter:
-    """Faces of cloth against the triangles of a tree, both where they are at the end of the step."""
-
-    def __init__(self, model: ParticleState, near: PairCandidates, tree: TriangleTree) -> None:
-        self.model, self.near, self.tree = model, near, tree
-        self._found: np.ndarray = np.zeros(near.count, dtype=np.int32)
-
-    def find(self, grown: bool = False) -> np.ndarray:
-        """(k, 3) particles of the face of each (face, triangle) that cross; touching is no crossing.
-
-        Balls, tubes and rounded boxes are there as cores; `grown` counts cloth that is nearer to these than their radius.
-        """
-        self._find(self._found, int(grown))
-        face = np.flatnonzero(self._found)
-        return np.repeat(self.near.faces_host[face], self._found[face], axis=0)
-
-    @ti.kernel
-    def _find(self, found: ti.types.ndarray(), grown: int):
-        for f in range(self.near.size[0]):
-            found[f] = 0
-            v = self.near.faces[f]
-            a, b, c = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]]
-            low, high = ti.min(a, b, c) - grown * self.near.margin[0], ti.max(a, b, c) + grown * self.near.margin[0]
-            node = 1
-            while True:
-                if self.tree.boxes.meets(node, low, high):
-                    if node < self.tree.boxes.first_leaf:
-                        node *= 2
-                        continue
-                    leaf = (node - self.tree.boxes.first_leaf) * LEAF
-                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
-                        off = self.tree.info[t][1] == OFF
-                        d, e, g = self.tree.corner(t, 0, 1.0), self.tree.corner(t, 1, 1.0), self.tree.corner(t, 2, 1.0)
-                        p, q = ti.min(d, e, g), ti.max(d, e, g)
-                        if not off and (p <= high).all() and (q >= low).all():
-                            if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
-                                found[f] += 1
-                            elif grown == 1 and within(self.near.radius[self.tree.info[t][0]], a, b, c, d, e, g) == 1:
-                                found[f] += 1
-                node = self.tree.boxes.following(node)
-                if node == 1:
-                    break
-
-
-@ti.func
-def within(radius, a, b, c, d, e, f):
-    """1 if triangles (a, b, c) and (d, e, f) that do not cross are nearer to each other than a radius."""
-    out = 0
-    if radius > 0:
-        face, core = ti.Matrix.rows([a, b, c]), ti.Matrix.rows([d, e, f])
-        for k in range(3):
-            p, q = row(core, k), row(core, (k + 1) % 3)
-            w = on_triangle(p, a, b, c)
-            if (w[0] * a + w[1] * b + w[2] * c - p).norm() < radius:
-                out = 1
-            for j in range(3):
-                r, s = row(face, j), row(face, (j + 1) % 3)
-                along, t = of_segments(p, q, r, s)
-                if (p + along * (q - p) - r - t * (s - r)).norm() < radius:
-                    out = 1
-    return out
-
-
-@ti.func
-def through(a, b, c, d, e, f):
-    """Number of edges of triangle (a, b, c) that pass through triangle (d, e, f)."""
-    n = (e - d).cross(f - d)
-    corners = ti.Matrix.rows([a - d, b - d, c - d])
-    count = 0
-    for k in range(3):
-        p, q = row(corners, k), row(corners, (k + 1) % 3)
-        if n.dot(p) * n.dot(q) < 0:
-            way, u, w = q - p, e - d, f - d
-            one = way.dot((-p).cross(u - p))
-            two = way.dot((u - p).cross(w - p))
-            three = way.dot((w - p).cross(-p))
-            if (one > 0 and two > 0 and three > 0) or (one < 0 and two < 0 and three < 0):
-                count += 1
-    return count
-
-
-@ti.func
-def row(m, k):
-    """Row k, not known when compiling."""
-    out = ti.Vector([m[2, 0], m[2, 1], m[2, 2]])
-    if k == 0:
-        out = ti.Vector([m[0, 0], m[0, 1], m[0, 2]])
-    if k == 1:
-        out = ti.Vector([m[1, 0], m[1, 1], m[1, 2]])
-    return out

@@ -99,7 +99,8 @@ class Scanner:
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
         self.tree = self.surfaces = self.pairs = self.crossings = None
         if poking:
-            from .mesh import CrossingCounter, PairDetector, SurfaceDetector
+            from .mesh import SurfaceDetector
+            from .pair_detector import CrossingCounter, PairDetector
 
             self.tree = TriangleTree(fields, scene, poking, model.origin, longest)
             self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
@@ -147,7 +148,7 @@ class Scanner:
             crossings = len(self.find_crossings())
             if crossings:
                 notes.append(f"{crossings} triangles of cloth and solids pass through each other at the start")
-            self.tree.placed = False
+            self.tree.due = True
         self.time = 0.0
         return notes
 
@@ -166,7 +167,7 @@ class Scanner:
         for row, solid, moves in zip(self.poses, self.solids, self.moves):
             if moves:
                 row[:] = self._pose(solid, t) + self._pose(solid, t + h)
-        if self.tree is not None:
+        if self.tree is not None and self.tree.due:
             self.tree.set_time(t, h)
 
     def _pose(self, solid: Solid, t: float) -> list[float]:

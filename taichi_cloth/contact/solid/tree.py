@@ -28,6 +28,7 @@ class TriangleTree:
         corners: (triangles, 3).
         info: (triangles, 4): solid, whether it is the surface of a mesh (1, or OFF), whether that is closed, and which of
             its corners (bits 0 to 2) and edges (bits 3 to 5) it speaks for.
+        due: whether the next step has to place them: not where all solids stand still.
         fastest: how far any vertex goes in the step [m].
         refits: how often triangles were placed.
     """
@@ -67,7 +68,7 @@ class TriangleTree:
         self.corners = fields.integer(self.count, 3, all_corners[order])
         self.info = fields.integer(self.count, 4, all_info[order])
         self.still = all(not s.moves for _, s in self.solids)
-        self.placed, self.fastest, self.refits = False, 0.0, 0
+        self.due, self.fastest, self.refits = True, 0.0, 0
         self._known: dict[tuple, np.ndarray] = {}  # positions by time and poses
         owner = all_corners[order].ravel()
         at = np.argsort(owner, kind="stable")
@@ -76,8 +77,6 @@ class TriangleTree:
 
     def set_time(self, t: float, h: float) -> None:
         """Places the triangles at the two ends of a step, and refits."""
-        if self.still and self.placed:
-            return
         known, self._known = self._known, {}  # a step begins where the one before it ended
         ends = []
         for time in (t, t + h):
@@ -88,7 +87,7 @@ class TriangleTree:
         self.fastest = float(np.sqrt(np.max(np.sum((ends[1] - ends[0]) ** 2, axis=1))))
         write(self.x, np.concatenate(ends, axis=1).astype(self.exchange, copy=False))
         self._place()
-        self.placed, self.refits = True, self.refits + 1
+        self.due, self.refits = not self.still, self.refits + 1
 
     def _at(self, time: float, poses: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """(vertices, 3) at a time [s], from the local origin [m]."""
