@@ -44,8 +44,8 @@ class Options:
 
     h: float | None = _option(
         None, "number", "step size [s], such as 1/60; if steps adapt, the largest one (an explicit method's stable step "
-        "bounds it too). None takes 1/60; an explicit method then makes up to 1/10 at once if no wind changes", "--h", "s",
-        least=SHORTEST, most=LONGEST)
+        "bounds it too). None takes 1/60; an explicit method may then join substeps up to 1/10 s if no wind changes", "--h",
+        "s", least=SHORTEST, most=LONGEST)
     arch: str = _option("cpu", "choice", '"cpu", "cuda", "vulkan" or "metal"', "--arch", choices=ARCHS)
     precision: str = _option("f64", "choice", '"f32" or "f64"', "--precision", choices=PRECISIONS)
     integrator: str = _option(
@@ -58,8 +58,9 @@ class Options:
         "projected", "choice", 'stiffness matrix: "projected" (positive semidefinite), "gauss_newton" or "paper" (exact)',
         "--K", choices=("projected", "gauss_newton", "paper"))
     cg_tol: float | None = _option(
-        None, "number", "relative residual of a linear solve; None takes 1e-4 for backward Euler, .03 and less for "
-        "'newton_euler' without contact, .03 and then .1 for the stages of others", "--cg-tol", positive=True, most=1.0)
+        None, "number", "relative residual of a linear solve. None takes 1e-4 for backward Euler; .03 and less for "
+        "'newton_euler' without contact; .03 and then .1 for stages; .01 and then .05 with contact_tol", "--cg-tol",
+        positive=True, most=1.0)
     adaptive: bool = _option(
         True, "flag", "a step that fails is repeated with a smaller h; False makes exactly the steps asked for",
         "--fixed-step")
@@ -69,22 +70,23 @@ class Options:
     stretch_limit: float = _option(
         0.5, "number", "largest change of a triangle's stretch |w|/b in a step", "--stretch-limit", positive=True)
     newton_max: int = _option(
-        8, "integer", "Newton iterations of a stage; further solves of a step that fails the energy test", None,
+        8, "integer", "Newton iterations of a stage; further solves of a step that fails the energy test (with contact_tol "
+        "two more; with layers of cloth 12 solves in any case)", None,
         least=0, most=1_000_000)
     preconditioner: str = _option(
-        "auto", "choice", '"multilevel", "block_jacobi", "jacobi" or "none" (masses); "auto" takes the first from 500 '
-        'particles on, else the second, and always for K="paper"', "--preconditioner", choices=PRECONDITIONERS)
+        "auto", "choice", '"multilevel", "block_jacobi", "jacobi" or "none" (masses). "auto" takes multilevel from 500 '
+        'particles on, else block_jacobi; always block_jacobi with K="paper"', "--preconditioner", choices=PRECONDITIONERS)
     cg_max_iterations: int = _option(10_000, "integer", "most CG iterations of one solve", None, least=1, most=100_000_000)
     threads: int | None = _option(None, "integer", "CPU threads; None takes all", "--threads", least=1)
     quiet: bool = _option(True, "flag", "no messages of Taichi's own")
     debug: bool = _option(False, "flag", "bounds checks in kernels (slow)", "--debug")
     newton_tol: float | None = _option(
-        None, "number", "RMS of the last change of position [m] at which Newton's method stops; None takes 1e-4 for backward "
-        "Euler, and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
+        None, "number", "RMS of the last change of position [m] at which Newton's method stops. None takes 1e-4 for "
+        "'newton_euler', and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
     contact_tol: float | None = _option(
-        None, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
-        "part of the forces on it, such as .03: steps are solved to it, by more solves or smaller steps. None accepts steps "
-        "after one linearization, by their energy", "--contact-tol", positive=True, most=100.0)
+        None, "number", "relative residual to which forces on cloth that touches solids balance at the end of a step, such "
+        "as .1. A step that does not reach it is tried smaller, down to h/8; then it is made without it, and a note says so. "
+        "None takes one linearization a step", "--contact-tol", positive=True, most=100.0)
     tolerance: float | None = _option(
         None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
         'steps asked for. Needs "safe", "bdf2" or "tr_bdf2"', "--tolerance", "m", positive=True)
@@ -98,11 +100,11 @@ class Options:
         False, "flag", "whether places where cloth passes through cloth are counted exactly after every step, for the log",
         "--count-intersections")
     log: int | str = _option(
-        "all", "kept", 'steps that `sim.log` keeps: "all" (2 kB each), a number of the last, or "none"; sums and a '
+        "all", "kept", 'steps that `sim.log` keeps: "all" (2.3 kB each), a number of the last, or "none"; sums and a '
         "folder's telemetry have all", "--log")
     substep: float | None = _option(
-        None, "number", 'substep of "verlet" [s]; None takes the largest stable one. Triangles too stiff for a larger one '
-        "give up as much of their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much",
+        None, "number", 'substep of "verlet" [s]; None takes the largest stable one. Triangles that are unstable with a '
+        "larger one are softened until they are stable; `notes` say how many and how much",
         "--substep", "s", positive=True)
 
     def __post_init__(self) -> None:

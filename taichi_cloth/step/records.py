@@ -79,12 +79,14 @@ class StepRecord:
         contacts: number of contacts with solids at its end.
         unconverged_contacts: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
             many pairs of cloth not on their forces.
-        contact_error: impulses that contacts with solids miss by Coulomb's law, as a part of all that act: weight, contact,
-            pins, changes of momentum.
+        contact_error: how far contacts with solids are off, as a part of all impulses: weight, contact, pins, changes of
+            momentum. In usual steps by Coulomb's law against the linear solve. With contact_tol it is how far the last solve's
+            impulses are off that law or, in a step that is not solved, forces off balance if that is more. Edges, layers and
+            pinched cloth do not count.
         solid_intersections: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
         layers: pairs of cloth in contact with cloth; min_gap_ratio: the smallest distance of any over the distance to keep.
-        known_intersections: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
-            for those beside a seam that is still apart.
+        known_intersections: pairs of an edge and a triangle of cloth that are known to pass through each other; contact
+            ignores them, but for those beside a seam that is still apart.
         pinched: particles to which solids leave no room: layers that were let go, and those that no step gets smaller for.
         intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
             where that was not asked for.
@@ -93,8 +95,9 @@ class StepRecord:
         fallback_reason: why the default method redid the step by backward Euler; "" where it did not.
         opened: stitches of seams that are open at its end, of all.
         gas: (volume [m^3], pressure over that outside [Pa]) of each gas, by name.
-        ledger: J by name, works and losses of this step: see `ledger.Ledger`.
-        troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
+        ledger: J by name, works and losses of this step: see `ledger.Ledger`; a positive `unaccounted` is energy from
+            nowhere.
+        troubles: where attempts before it were rejected, and where it was itself slow to solve: see `records.Trouble`.
     """
 
     t: float

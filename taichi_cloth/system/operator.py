@@ -1,6 +1,6 @@
 """The linear system of a step: A = M - c D - c^2 K and its right-hand side, matrix-free.
 
-`c` is h for backward Euler (18); methods with stages use their own. `measure.Assembler` linearizes.
+`c` is h for backward Euler (18); methods with stages use their own. `assembler.Assembler` linearizes.
 """
 
 import numpy as np

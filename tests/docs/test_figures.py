@@ -30,7 +30,7 @@ SAID = (
     ("theory/layers.md", "(at most {:g} times)", "contact/cloth/contact_pairs.py", "STIFFEST"),
     ("theory/layers.md", "within {:.0%} of all forces", "contact/cloth/layers.py", "AGREED"),
     ("theory/layers.md", "d_f + {:g}\\,(d_0 - d_f)", "contact/cloth/narrow_phase.py", "KEEP"),
-    ("theory/layers.md", "rest for {:g} s", "contact/solid/penetration.py", "SPARED"),
+    ("theory/layers.md", "stay disabled for {:g} s", "contact/solid/penetration.py", "SPARED"),
 )
 
 
