@@ -1,14 +1,11 @@
 """Stitches that fail within a step: a step with overloaded stitches is tried again from its start with those open.
 
-An accepted step overloads no stitch, unless more fail in it than `TRIES` tries can open; the others fail in the
-next step. A step that is tried smaller begins with the stitches that were whole before.
+An accepted step overloads no stitch. A step that is tried smaller begins with the stitches that were whole before.
 """
 
 import numpy as np
 
 from ..system.stitches import Stitches
-
-TRIES = 16  # of a step, each with more open
 
 
 class Giving:
@@ -27,12 +24,12 @@ class Giving:
         self.tears = tears
         integrator.system.fragile |= stitches.gives or tears is not None
         self.before: np.ndarray = stitches.whole  # at the start of a step in which something gave
-        self.torn, self.tries = 0.0, 0  # J lost with stitches that failed in this step; tries that opened any
+        self.torn = 0.0  # J lost with stitches that failed in this step
 
     def gives(self) -> bool:
         """Whether the attempt in the model overloads anything: then that is opened, and the model is back at the
         step's start."""
-        if self.tries == TRIES or not (self.stitches.gives or self.tears is not None):
+        if not (self.stitches.gives or self.tears is not None):
             return False
         system = self.integrator.system
         given = np.zeros(len(self.stitches.whole), dtype=bool)
@@ -42,26 +39,26 @@ class Giving:
             given[self.tears.giving(system.held)] = True
         if not given.any():
             return False
-        if not self.tries:
+        if not system.gave:
             self.before = self.stitches.whole
-        self.tries, system.gave = self.tries + 1, True
+        system.gave = True
         self.stitches.model.restore()
         self.torn += self._set(self.stitches.whole & ~given)
         return True
 
     def take_back(self) -> bool:
         """Closes the stitches that failed in a step to be tried smaller. Whether any had; the model is at the step's start."""
-        changed = self.tries > 0
+        changed = self.integrator.system.gave
         if changed:
             self._set(self.before)
-        self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
+        self.torn, self.integrator.system.gave = 0.0, False
         return changed
 
     def commit(self) -> tuple[float, int, int]:
         """The step was accepted: (energy [J] lost with failed stitches, stitches that are open, crossings of cloth with cloth
         among the sides of seams that have opened or are not closed yet)."""
         torn, tangled = self.torn, 0
-        self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
+        self.torn, self.integrator.system.gave = 0.0, False
         if self.contacts is not None and self.contacts.layers is not None:
             self.contacts.layers.part(self.stitches.whole | self.stitches.pulled)
             tangled = self.contacts.layers.tangled(self.stitches.parted)

@@ -14,7 +14,8 @@ from ..pair_geometry import between
 from .sewn_shape import sewn_distances
 
 ACROSS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3)  # two of a pair's four particles, on different sides of it
-LEAST = 0.01  # of a thickness: sides of an opening that have not been so far apart are one surface
+LEAST = 0.01  # of a thickness: sides of an opening that have not been so far apart are one surface. With 0 a zip that closes
+# stitch by stitch takes 658 steps for 25
 
 
 @ti.data_oriented

@@ -21,7 +21,6 @@ from .system import System
 GAIN, DEBT = 0.01, 0.03  # of the motion's energy: gain allowed in a step, and in steps before they have lost as much again
 LAPSE = 0.1  # s, over which the motion's scale forgets
 FALL = 0.1  # m/s: and the work of gravity at this speed counts
-WORK = 0.01  # part of all works by which their quadrature may be off
 GOES_ON = ("pins", "solids", "friction")  # works that have a power; the others are of their step alone
 
 
@@ -78,8 +77,7 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         over = gained(start, measures, work) - max(0.0, wind)
         self.debt_1 = max(0.0, self.debt + over)
         scale, rounding = self.motion_1 + self.weight * FALL * base.h, self.system.rounding(c, start, measures)
-        spare = WORK * (sum(abs(value) for value in asdict(work).values()) + abs(wind)) + rounding
-        if over > GAIN * scale + spare or (over > rounding and self.debt_1 > DEBT * scale + spare):
+        if over > GAIN * scale + rounding or (over > rounding and self.debt_1 > DEBT * scale + rounding):
             return None
         return measures, ledger
 
