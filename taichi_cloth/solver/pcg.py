@@ -5,8 +5,8 @@ Differs from [BW98 §5.2]:
 - The preconditioner is the inverse of S P S on the free directions. r and s are filtered where they are made, so that a
   constrained component never leaves z by more than rounding.
 - The recurrences are those of Chronopoulos and Gear: one pass for the product and one for all updates.
-- The stop is on the filtered residual of b - A z.
-- Breakdown (c^T A c <= 0 or r^T P^-1 r < 0) is detected, not divided through.
+- It stops when the filtered residual is below the tolerance times that of dv = z.
+- Breakdown is detected instead of divided by: c^T A c <= 0, with the search direction c, or r^T P^-1 r < 0.
 - The residual of the answer is computed afresh, with restarts while it differs from that of the recurrence.
 """
 
@@ -26,13 +26,13 @@ from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
-COPY, MULTIPLY, RESTART, UPDATE, TAKE, SOLVE, GIVE, CORRECT, SUM_UP = range(1, 10)  # kinds of its phases
+COPY, MULTIPLY, RESTART, UPDATE, RESTRICT, SOLVE, PROLONG, CORRECT, SUM_UP = range(1, 10)  # kinds of its phases
 STAGE, STATE, DID, ROUND = range(4)  # its counters
 FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
-FUTILE = 0.75  # of a residual that a restart must get below to be followed by another
-ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
-LOOK = 8  # iterations on a device that are launched before the host waits to hear how they went
+FUTILE = 0.75  # another restart follows only if the last one reduced the residual to less than this part
+ROUNDING = 8.0  # least residual, in roundings of A dv
+LOOK = 8  # iterations on a device that are launched between two reads of their state
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -62,8 +62,8 @@ class PCG(Recurrences):
     Args:
         preconditioner: Pointwise or Multilevel.
         max_iterations: of one solve.
-        balanced: whether cloths are all there is, so that no force from outside is in A: where they are free, their momentum
-            together is then made exact.
+        balanced: whether A has no force from outside: no solids, air or attachments. Cloth that nothing holds then gets exactly
+            the right momentum in all.
     """
 
     def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,
@@ -84,8 +84,8 @@ class PCG(Recurrences):
 
         Args:
             tolerance: on the filtered residual, relative to that of dv = z.
-            free: nothing is held, or being sewn: start from the translation that has all of b's momentum, which is the answer
-                where cloth falls freely.
+            free: nothing is held or being sewn: start from the translation with the momentum of b, which is the answer where
+                cloth falls freely.
             warm: dv is the answer of nearly the same system instead of z, and the reference is that of its solve.
             zero: starts from dv = 0, whatever is in place.
             least: residual norm that the tolerance is relative to where its own is less.
@@ -111,7 +111,7 @@ class PCG(Recurrences):
         allowed = max(tolerance, ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first)
         if norm <= SLACK * allowed * first:
             name = CONVERGED
-        else:  # where the recurrence says that it is, the answer does not
+        else:  # where the recurrence reports convergence, the true residual does not
             name = {BROKEN: BREAKDOWN, BAD: NOT_FINITE}.get(state, MAX_ITERATIONS)
         return Solution(name, done, norm / first, allowed)
 
@@ -271,9 +271,9 @@ class PCG(Recurrences):
             if kind == SUM_UP:
                 self.operator.sum_up(block, self.s)
         if ti.static(not self.preconditioner.pointwise):
-            if kind == TAKE:
+            if kind == RESTRICT:
                 self.preconditioner.restrict_block(block, self.r)
-            elif kind == GIVE:
+            elif kind == PROLONG:
                 self.preconditioner.prolong_block(block)
             elif kind == CORRECT:
                 self.correct(block, 1)
@@ -290,9 +290,9 @@ class PCG(Recurrences):
             if self.count[STAGE] != ITERATE:
                 following = RESTART
         elif ti.static(not self.preconditioner.pointwise) and (kind == RESTART or kind == UPDATE):
-            following = TAKE
-        elif kind == TAKE:
-            following = GIVE
+            following = RESTRICT
+        elif kind == RESTRICT:
+            following = PROLONG
             if ti.static(not self.preconditioner.pointwise):
                 self.preconditioner.restrict_rest()
                 if ti.static(self.preconditioner.exact):
@@ -302,8 +302,8 @@ class PCG(Recurrences):
         elif kind == SOLVE:
             if ti.static(not self.preconditioner.pointwise):
                 self.preconditioner.prolong_rest()
-            following = GIVE
-        elif kind == GIVE:
+            following = PROLONG
+        elif kind == PROLONG:
             following = CORRECT
         elif kind != COPY and kind != SUM_UP:
             following = self.decide(tolerance, reference, least, most)

@@ -15,8 +15,8 @@ from ..system.state import ParticleState
 from .attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 from .records import Locator, StepRecord, Trouble
 
-CAREFUL = 0.9  # part of the step that error control thinks possible
-SLOW = 4  # solves from which a step is told of with its place
+CAREFUL = 0.9  # safety factor of error control
+SLOW = 4  # steps with so many solves, or more, are recorded in `troubles` with their worst vertex
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
@@ -62,7 +62,7 @@ class Control:
 
 
 class Stepper(Checkpointed):
-    """Takes steps with an integrator, smaller ones where they go bad."""
+    """Advances the state with an integrator; rejected steps are repeated with a smaller h."""
 
     STATE = ("h", "quiet", "measured", "last", "dropped")
 
@@ -73,19 +73,19 @@ class Stepper(Checkpointed):
         self.giving = giving  # a `giving.Giving` where anything is sewn
         self.h = control.h_max
         self.quiet = 0
-        self.start: Measures | None = None  # measures of the current state; None where it was changed between steps
-        self.ended: Measures | None = None  # of the end of the last step
-        self.dropped = 0.0  # energy [J] of contacts that were taken away since
+        self.start: Measures | None = None  # measures where the next step starts; None: to be measured
+        self.ended: Measures | None = None  # where the last step ended
+        self.dropped = 0.0  # energy [J] of contacts that `forget` took away since the last step
         self.edited = 0.0, 0.0  # kinetic and potential energy [J] that came between the last step and the next
 
     def pull_firmer(self, factor: float) -> None:
-        """Seams that are pulled together are pulled by so many times as much from now on; where nothing is sewn, none are."""
+        """Multiplies the force that closes open seams."""
         if self.giving is not None:
             self.giving.pull_firmer(factor)
             self.forget()
 
     def forget(self, contacts: bool = True) -> None:
-        """The state, or a force on it, was changed between steps: the next step begins with energies as they now are.
+        """To be called when the state, or a force on it, was changed between steps: energies are measured anew.
 
         Args:
             contacts: whether those of the last step still are.
@@ -125,7 +125,7 @@ class Stepper(Checkpointed):
             passes = rejection is None or (not control.adaptive and attempt.measures is not None
                                            and attempt.measures.finite)
             if passes and self.giving is not None and self.giving.gives():
-                self.start = self._measured(t)  # again from the start of the step, with failed stitches open
+                self.start = self._measured(t)  # a stitch broke: the step is repeated with it open; `gives` has restored its start
                 continue
             if passes:
                 seconds |= {"total": time.perf_counter() - began, "compiling": compiling.seconds - compiled}
@@ -137,7 +137,7 @@ class Stepper(Checkpointed):
                 self.start = self._measured(t)
             if not control.adaptive or h / 2 < control.h_min:
                 raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections, troubles), rejection, t)
-            smaller = 0.5 if rejection != ACCURACY else _factor(attempt, 0.1, 0.7)
+            smaller = 0.5 if rejection != ACCURACY else _step_factor(attempt, 0.1, 0.7)
             h = self.h = max(h * smaller, control.h_min)
             self.quiet = 0
 
@@ -167,20 +167,20 @@ class Stepper(Checkpointed):
     @property
     def measured(self) -> str:
         """`start`, as it was computed."""
-        return _told(self.start)
+        return _to_json(self.start)
 
     @measured.setter
     def measured(self, text: str) -> None:
-        self.start = _understood(text)
+        self.start = _from_json(text)
 
     @property
     def last(self) -> str:
         """`ended`, as it was computed."""
-        return _told(self.ended)
+        return _to_json(self.ended)
 
     @last.setter
     def last(self, text: str) -> None:
-        self.ended = _understood(text)
+        self.ended = _from_json(text)
 
     def judge(self, attempt: Attempt) -> str | None:
         """The name of the reason to reject an attempt, or None."""
@@ -190,7 +190,7 @@ class Stepper(Checkpointed):
         if attempt.measures is None or attempt.measures.stretch_change <= limit:
             return None
         if attempt.led is not None and self.meter.change_beside(attempt.led) <= limit:
-            return None  # led by surfaces that close on each other: no smaller step stretches less
+            return None  # closing solids move these vertices: a smaller step would stretch as much
         return STRETCH
 
     def _accept(self, t: float, h: float, attempt: Attempt, rejection: str | None, rejections: dict[str, int],
@@ -217,7 +217,7 @@ class Stepper(Checkpointed):
         self.start, self.ended, self.edited = measures, measures, (0.0, 0.0)
         self.quiet += 1
         if attempt.error is not None:
-            self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)
+            self.h = min(h * _step_factor(attempt, 0.3, 2.0), self.control.h_max)
         elif self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
             self.h, self.quiet = min(2 * self.h, self.control.h_max), 0
         worst = max((s for s in attempt.solutions if not s.preliminary), key=lambda s: s.residual, default=None)
@@ -244,16 +244,16 @@ class Stepper(Checkpointed):
                 f"{rejection}{detail} at h = {h:g} s, in all {counts}. {ADVICE[rejection]}")
 
 
-def _told(measures: Measures | None) -> str:
+def _to_json(measures: Measures | None) -> str:
     return json.dumps(None if measures is None else asdict(measures))
 
 
-def _understood(text: str) -> Measures | None:
+def _from_json(text: str) -> Measures | None:
     made = json.loads(text)
     return None if made is None else Measures(**made)
 
 
-def _factor(attempt: Attempt, least: float, most: float) -> float:
+def _step_factor(attempt: Attempt, least: float, most: float) -> float:
     """Ratio of the next step to this one at which its error is the error allowed."""
     error = attempt.error if attempt.error is not None else 0.0
     return min(most, max(least, CAREFUL * max(error, 1e-30) ** (-1 / attempt.order)))

@@ -5,9 +5,9 @@ normal, semidefinite, in the matrix-free product and the preconditioner (`pair_k
 solve of a step linearises them where the last motion would lead; further solves, where the cloth then is. Each update stops
 at the first collision (`narrow_phase.collision_free_step`): layers that were apart stay apart.
 
-A pair that comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's
-own h, which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
-Coulomb's cone, its full size against the slip; the normal force is the pair's in the last solve.
+A pair that approaches below its distance gets an additional stiffness that depends on h. It acts in this step only, so
+nothing bounces. Friction is a damping by the slip last seen. Where that would exceed Coulomb's cone it has its full size
+against the slip. The normal force is the pair's in the last solve.
 
 Differs from [BW98 §6]: the paper's damped springs act on pairs that are near at the start of a step, and trust in coherence:
 `springs`.
@@ -32,16 +32,16 @@ from .contact_pairs import CLOSE, Comparison, ContactPairs, Firmness, Linearized
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
-LATER = 3  # solves after which what still changes does so in the next step: contacts with solids, and, where cloth is pinched
-# or passes through itself, the normal forces that friction goes by. With 2 and 6 the tube on a dance four times as fast takes
-# 63 and 67 steps for 62, three sheets that fall on a ball 167 and 201 solves for 168
-AGREED = 0.1  # part of all forces of pairs by which their forces in a solve may be off, and the sum of friction's bounds
-# against those by its normal forces. With .05 `layers` takes 2.9 solves a step for 2.6
-RUBBED = 0.05  # the same of friction beyond its cone after one solve; with .1 ten sheets at rest take 36 solves for 32,
-# without it `tablecloth_pull` takes 138 for 128
-LOOSE = 2.0  # of gravity: error that the forces of pairs may have, over the mass they act on. With 0 a skirt in a kick takes
-# 62 steps for 42, 15 of them tried twice for 7
-GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small. With the earth's weight in its place two sheets
+LATER = 3  # after so many solves, contacts with solids that still change do not prevent acceptance, nor, with pinched or
+# crossing cloth, do bounds of friction. With 2 and 6 the tube on a dance four times as fast takes 63 and 67 steps for 62,
+# three sheets that fall on a ball 167 and 201 solves for 168
+AGREED = 0.1  # relative tolerance of the forces of pairs, and of the sum of friction's bounds. With .05 `layers` takes 2.9
+# solves a step for 2.6
+RUBBED = 0.05  # tolerance of friction above Coulomb's limit, tested after the first solve only. With .1 ten sheets at rest
+# take 36 solves for 32, without it `tablecloth_pull` takes 138 for 128
+LOOSE = 2.0  # absolute tolerance of a pair's force, in weights of its mass. With 0 a skirt in a kick takes 62 steps for 42, 15
+# of them tried twice for 7
+GIVE = 0.01  # the same in weak gravity, in parts of a pair's distance over h^2. With the earth's weight in its place two sheets
 # that meet without gravity turn each other by a tenth of their forces times the distance; .05 are tested
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
@@ -55,7 +55,7 @@ class Layers(Checkpointed):
         least: smallest distance of any pair over that which it should keep; 1 where none is in contact.
         off: pairs whose force was not as the last solve took it.
         firmness: how much stiffer pairs are than their law.
-        waived: (n,) particles that solids pinch; freed: whether any is no longer pinched.
+        waived: (n,) particles that solids pinch, whose pairs are disabled; freed: whether any is no longer pinched.
     """
 
     ROUNDS = 12
@@ -86,7 +86,7 @@ class Layers(Checkpointed):
         self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
         self.near = ContactPairs.none()  # where cloth was last looked at
         self.compared: Comparison | None = None  # those, and the ones that the last solve took
-        self.there = nowhere  # where the first solve of an attempt takes the pairs
+        self.there = nowhere  # predicted positions, at which an attempt's first solve has the pairs
         self.round = 0  # solves of the attempt
         self.blocking = self.detector.candidates  # pairs that a collision-free step stops at
         self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
@@ -98,7 +98,7 @@ class Layers(Checkpointed):
         return self.watch.seconds
 
     def waive(self, pinched: np.ndarray, before: np.ndarray) -> None:
-        """Pairs of particles (n,) that solids pinch are left alone; those pinched before (k,), no longer, may have crossed."""
+        """Disables pairs of pinched particles (n,). Particles pinched before (k,), and no longer, may have crossed."""
         self.freed = not pinched[before].all()
         self._were_waived = np.zeros(self.model.n, dtype=bool)
         self._were_waived[before] = True
@@ -125,11 +125,11 @@ class Layers(Checkpointed):
         """Whether anything is in reach of anything where the model now is, or passes through it on the way there."""
         self.detector.cover()
         self.near = self.detector.look(swept=True)
-        return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # the collision-free step misses nothing
+        return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # which also finds pairs that the test of distances missed
 
     @timed
     def points(self, base: np.ndarray) -> Points:
-        """Pairs as points of contact, for a solve from positions base (n, 3)."""
+        """All pairs linearized as `Points`, for a solve from positions base (n, 3)."""
         p, q, k = self.near, self.linearized if self.compared is not None else None, len(self.near.end)
         (weighed, turns), taken = self._evaluate(p), np.empty((pair_kernels.TAKEN, k))
         block, rhs = np.empty((k, 6)), np.empty((k, 3))
@@ -159,7 +159,7 @@ class Layers(Checkpointed):
 
     @timed
     def advance(self) -> float:
-        """Part of the way from where the last solve began to where the model now is that nothing passes through on."""
+        """Largest collision-free fraction of the last update."""
         self.detector.cover()
         part, self.blocking = self.detector.collision_free_step()
         return part
@@ -185,7 +185,7 @@ class Layers(Checkpointed):
 
     @timed
     def settled(self) -> bool:
-        """Whether forces are as the last solve took them, and no pair has come too near by it."""
+        """Whether forces of pairs agree with those of the last solve, and no pair is too close."""
         p, q, compared = self.near, self.linearized, self.compared
         assert q is not None and compared is not None
         weighed, row, bears = self._evaluate(p)[0], compared.rows, q.taken[pair_kernels.BEARS]
@@ -205,8 +205,8 @@ class Layers(Checkpointed):
         late = lag > AGREED * rubs_as and not (hindered and self.round > LATER)
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
-        rubs = over > RUBBED * rubs_as and self.round == 1  # friction still over then is over in the next step too
-        nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are
+        rubs = over > RUBBED * rubs_as and self.round == 1  # later, what is above it is left to the next step
+        nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned close together may stay so
         near = (self._too_near() & nearer).any()
         if near and not (self.off or rubs or late):
             self._stiffen()
@@ -214,8 +214,7 @@ class Layers(Checkpointed):
 
     @timed
     def stop_short(self) -> None:
-        """The model went a part of its way only: pairs with little room left get stiffer, where the solve had taken those that
-        stopped it."""
+        """The update was shortened: pairs with little room left get stiffer, if those that blocked it were in the solve."""
         if not len(self.blocking):
             return
         p, compared, blocks = self.near, self.compared, np.zeros(self.model.n, dtype=bool)
@@ -226,7 +225,7 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) pairs that approached and end nearer than a step may leave them. A pair that parts may begin nearer."""
+        """(k,) pairs that approached and end nearer than a step may leave them. A pair that opens may begin nearer."""
         p, was = self.near, (self.was - FLOOR) / (1 - FLOOR)
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
@@ -256,8 +255,8 @@ class Layers(Checkpointed):
 
     @timed
     def count_tangled(self, everywhere: bool = True) -> None:
-        """Counts crossings where the model now is. Not `everywhere`, after a step, among the particles left alone: both sides
-        of a crossing have a particle that rests."""
+        """Counts crossings where the model now is. If not `everywhere`, after a step, only among disabled particles: each
+        crossing has one on either side."""
         alone = self.intersections.resting | self.waived | self._were_waived
         all_of_it = everywhere or (self.lips is not None and self.lips.growing)
         self.intersections.look(self.model.read_particles()[0], None if all_of_it else alone)
@@ -269,8 +268,8 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: sides of open ones keep the distance they came apart by. Those
-        that were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""
+        """After a step, with the stitches (k,) that are whole: the two sides of broken ones repel at the distance they now have.
+        Those that were in one place may pass through each other. That counts as tangled, and is left to open by itself."""
         self.detector.fresh &= not self.lips.part(whole)
         if self.lips.growing:
             self.lips.grow(self.detector.apart())
@@ -281,17 +280,16 @@ class Layers(Checkpointed):
         self.detector.fresh &= not self.lips.join(whole)
 
     def release(self) -> bool:
-        """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Returns whether any are."""
+        """Disables the pairs that allow no collision-free step for a while: they count as pinched. Returns whether any are."""
         four = self.detector.particles_of(self.blocking)
         self.intersections.release(four.ravel())
         self._let_rest()
         return len(four) > 0
 
     def release_beside(self, held: np.ndarray) -> bool:
-        """Deactivates for a while pairs that end too near and cannot part. Returns whether the nearest pair is one of these;
-        if not, none is deactivated.
+        """Disables pairs that are too close and cannot open, if the closest pair is among them; returns whether it is.
 
-        A pair cannot part where a tangle holds a particle of it, or where one is pinched and solids hold, `held` (n,), all.
+        A pair cannot open where a tangle holds a particle of it, or where one is pinched and solids hold, `held` (n,), all.
         """
         p, near = self.near, self._too_near()
         led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)
@@ -303,21 +301,20 @@ class Layers(Checkpointed):
         return True
 
     def release_around(self, particles: np.ndarray) -> None:
-        """Deactivates for a while the pairs of particles (k,) and their neighbours, between steps."""
+        """Disables the pairs of particles (k,) and their neighbours for a while, between steps."""
         near: np.ndarray = np.zeros(self.model.n, dtype=bool)
         near[particles] = True
         self.intersections.release(self.detector.mesh.around(near))
         self._let_rest()
 
     def release_nearest(self) -> None:
-        """Deactivates for a while the pairs that start so near that they are as good as tangled."""
+        """Disables the pairs that start so near that they are as good as tangled, for a while."""
         self._release_stuck(np.ones(self.model.n, dtype=bool))
         self.look()
         self.was = self.least
 
     def _release_stuck(self, which: np.ndarray) -> None:
-        """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: no
-        step could take less than the distance they have left."""
+        """Disables pairs of the given particles (n,) that are so close that no step could be accepted, for a while."""
         p = self.detector.look()
         stuck = p.stuck & which[p.vertices].any(axis=1)
         if stuck.any():
@@ -334,12 +331,12 @@ class Layers(Checkpointed):
         return Place(tuple(p.vertices[k].tolist()), -1, float(gap[k]))
 
     def pass_without(self) -> None:
-        """Nothing met in the step as it was made."""
+        """No layers touched in this step."""
         self.energy, self.count, self.least, self.off = 0.0, 0, 1.0, 0
         self.linearized = self.compared = None
 
     def pass_by(self) -> None:
-        """A step in which nothing compared was accepted."""
+        """A step without contact of cloth with cloth was accepted."""
         self.pass_without()
         self.commit()
 

@@ -2,8 +2,8 @@
 
     Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + terms of contact,
 
-R half the dissipated power; in further solves of backward Euler without contact, c R has damping as an energy of the step,
-see `Force.evaluate`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A Newton step dv solves
+R half the dissipated power. In the second and later Newton steps of backward Euler without contact, damping in c R is an
+energy k_d (C - C_0)^2 / (2 h), see `Force.evaluate`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A Newton step dv solves
 (M - c D - c^2 K) dv = M (v_base - v) + c f. With a positive semidefinite K it goes downhill on Phi.
 """
 
@@ -28,7 +28,7 @@ PRELIMINARY = 0.01  # of solves that others follow, and of BDF2's first. With .0
 FURTHER = 0.03  # of solves that mend energy. With .015 and .06 `table` takes 100 and 115 for 109, 1,595 and 1,347 iterations
 LEAVES = 0.01  # part of the largest imbalance of forces that such a step's last solve may leave; or of `Effort.moved`
 SURE = 0.9  # times the square of the ratio of imbalances of forces: a solve need be no more exact [Eisenstat, Walker 1996]
-HALVINGS = 9  # of a Newton step; one that helps at no size is left there: an exact fold needs that little to find a side
+HALVINGS = 9  # of a Newton step, which is then taken anyway: exactly folded cloth needs a tiny motion to find a side
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class StepProblem(ABC):
         c: step [s], or a stage's factor of forces [s].
         held: constraints at its end, of the last solve.
         before, level: measures of the state that a Newton step starts from, and Phi there [J].
-        clock, solutions: wall time by part, and linear solves; both go on from problem to problem of a step.
+        clock, solutions: wall time by part, and linear solves; all problems of a step share both.
     """
 
     def __init__(self, system: System, c: float, held: Held | None, start: Measures, clock: Clock,
@@ -69,7 +69,7 @@ class StepProblem(ABC):
 
     @abstractmethod
     def advance(self, k: int) -> float:
-        """Moves the model by all of dv. Returns the collision-free step size: the part of it, at most 1, that may be taken."""
+        """Moves the model by the full dv; returns the fraction of dv, at most 1, that is free of collisions."""
 
     @abstractmethod
     def shift(self, k: int, part: float, taken: float) -> None:
@@ -85,7 +85,7 @@ class StepProblem(ABC):
 
     @abstractmethod
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
-        """How the solution ended with this Newton step, or None: it goes on."""
+        """The outcome if this Newton step ends the solution, else None."""
 
     @abstractmethod
     def give_up(self, measures: Measures) -> Outcome:
