@@ -62,8 +62,8 @@ class PCG(Recurrences):
     Args:
         preconditioner: Pointwise or Multilevel.
         max_iterations: of one solve.
-        balanced: whether A has no force from outside: no solids, air or attachments. Cloth that nothing holds then gets exactly
-            the right momentum in all.
+        balanced: whether A has no force from outside: no solids, air or attachments. Cloth that nothing holds then gets
+            exactly the right momentum in all.
     """
 
     def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,

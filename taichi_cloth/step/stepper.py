@@ -125,7 +125,7 @@ class Stepper(Checkpointed):
             passes = rejection is None or (not control.adaptive and attempt.measures is not None
                                            and attempt.measures.finite)
             if passes and self.giving is not None and self.giving.gives():
-                self.start = self._measured(t)  # a stitch broke: the step is repeated with it open; `gives` has restored its start
+                self.start = self._measured(t)  # a stitch broke: again with it open, from the start that `gives` restored
                 continue
             if passes:
                 seconds |= {"total": time.perf_counter() - began, "compiling": compiling.seconds - compiled}

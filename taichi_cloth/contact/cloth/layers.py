@@ -41,8 +41,8 @@ RUBBED = 0.05  # tolerance of friction above Coulomb's limit, tested after the f
 # take 36 solves for 32, without it `tablecloth_pull` takes 138 for 128
 LOOSE = 2.0  # absolute tolerance of a pair's force, in weights of its mass. With 0 a skirt in a kick takes 62 steps for 42, 15
 # of them tried twice for 7
-GIVE = 0.01  # the same in weak gravity, in parts of a pair's distance over h^2. With the earth's weight in its place two sheets
-# that meet without gravity turn each other by a tenth of their forces times the distance; .05 are tested
+GIVE = 0.01  # the same in weak gravity, in parts of a pair's distance over h^2. With the earth's weight in its place two
+# sheets that meet without gravity turn each other by a tenth of their forces times the distance; .05 are tested
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
@@ -125,7 +125,7 @@ class Layers(Checkpointed):
         """Whether anything is in reach of anything where the model now is, or passes through it on the way there."""
         self.detector.cover()
         self.near = self.detector.look(swept=True)
-        return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # which also finds pairs that the test of distances missed
+        return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # it finds pairs that distances missed
 
     @timed
     def points(self, base: np.ndarray) -> Points:
@@ -268,7 +268,7 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: the two sides of broken ones repel at the distance they now have.
+        """After a step, with the stitches (k,) that are whole: both sides of broken ones repel at the distance they now have.
         Those that were in one place may pass through each other. That counts as tangled, and is left to open by itself."""
         self.detector.fresh &= not self.lips.part(whole)
         if self.lips.growing:

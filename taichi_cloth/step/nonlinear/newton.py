@@ -3,8 +3,8 @@
     Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + terms of contact,
 
 R half the dissipated power. In the second and later Newton steps of backward Euler without contact, damping in c R is an
-energy k_d (C - C_0)^2 / (2 h), see `Force.evaluate`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A Newton step dv solves
-(M - c D - c^2 K) dv = M (v_base - v) + c f. With a positive semidefinite K it goes downhill on Phi.
+energy k_d (C - C_0)^2 / (2 h), see `Force.evaluate`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A
+Newton step dv solves (M - c D - c^2 K) dv = M (v_base - v) + c f. With a positive semidefinite K it goes downhill on Phi.
 """
 
 from abc import ABC, abstractmethod
