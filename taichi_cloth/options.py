@@ -84,9 +84,9 @@ class Options:
         None, "number", "RMS of the last change of position [m] at which Newton's method stops. None takes 1e-4 for "
         "'newton_euler', and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
     contact_tol: float | None = _option(
-        None, "number", "relative residual to which forces on cloth that touches solids balance at the end of a step, such "
-        "as .1. A step that does not reach it is tried smaller, down to h/8; then it is made without it, and a note says so. "
-        "None takes one linearization a step", "--contact-tol", positive=True, most=100.0)
+        None, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
+        "part of the forces on it, such as .03: steps are solved to it, by more solves or smaller steps. None accepts steps "
+        "after one linearization, by their energy", "--contact-tol", positive=True, most=100.0)
     tolerance: float | None = _option(
         None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
         'steps asked for. Needs "safe", "bdf2" or "tr_bdf2"', "--tolerance", "m", positive=True)
