@@ -1,4 +1,4 @@
-"""Contact as a step sees it: particles its next solve holds, forces on them, whether that settled, checkpoints."""
+"""Interface of contact to a step: constrained particles, contact forces, test of convergence, checkpoints."""
 
 from typing import Any
 
@@ -18,11 +18,11 @@ from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
 from .step_start import Foresight, StepStart
 
-AGREED = 0.001  # part of all that acts by which contacts may be off Coulomb's law in a step. With .002, this and .0005
-# `sphere_drape` takes 470, 495 and 498 solves for 1 s
-NEAR = 0.03  # the same, beyond which states of contacts come from the proximal gradient method, or, with layers, friction is
-# smooth in one solve. With 0, .01, this and .1 `sphere_drape` takes 372, 370, 381, 397 solves, `table` 330, 332, 320, 383
-STRICT = 3  # solves of a step with which they may; in each further one by twice as much. With 2 and 7 470 and 539 solves
+AGREED = 0.001  # tolerance of the residual of contacts, in parts of all impulses (weight, contacts, pins, changes of momentum).
+# With .002 and .0005 `sphere_drape` takes 385 and 404 solves for 390 in 1 s
+NEAR = 0.03  # above this residual, states of contacts come from the proximal gradient method. With layers, friction is viscous
+# in the next solve instead. With 0, .01, this and .1 `sphere_drape` takes 372, 370, 381, 397 solves, `table` 330, 332, 320, 383
+STRICT = 3  # solves with the tolerance AGREED; it doubles in each later one. With 2 and 7 385 and 472 solves for 390
 
 
 class Contacts(Checkpointed):
@@ -32,10 +32,10 @@ class Contacts(Checkpointed):
         solids: against solids; scan: the detectors of these; layers: cloth against cloth, or None; sprung: whether by the
             paper's springs.
         force: the terms of contacts in the system of a solve.
-        start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
+        start: of the attempt at a step; base: positions and velocities (n, 3) with which its last solve began.
         balance: the contacts with solids from solve to solve of the attempt; found: by the last of `rounds`.
-        between: points of layers in that solve; others: besides these and friction of sliding contacts.
-        foresight: whether a step's first solves will be followed by others.
+        between: points of layers in that solve; others: friction of pinched particles, and edges and corners of solids.
+        foresight: prediction of whether a step's first solve will be its last.
         warm: whether the last step ended in contact, so that its last solve predicts the next.
         crowded: whether there are more points than there is room for.
     """
@@ -128,7 +128,7 @@ class Contacts(Checkpointed):
         return not self.crowded
 
     def judge(self, reaction: np.ndarray, inertia: np.ndarray, left: float = 0.0) -> bool:
-        """Whether the contacts of a linear solve agree with its solution.
+        """Assesses the contacts of a linear solve. Returns whether they agree with its solution.
 
         Args:
             reaction: (k, 3) [N s] on the held particles, in `hold`'s order.
@@ -150,8 +150,9 @@ class Contacts(Checkpointed):
         return agrees
 
     def cones(self) -> Cones | None:
-        """The cones of friction of the contacts found, where these are far from the law and still turn; else None: then their
-        states follow from the law alone. The system's product is without the last solve's friction on solids after it."""
+        """The cones of friction of the contacts found, if their residual is large and their planes still follow; else None:
+        then their states follow from the law alone. If there are any, the last solve's friction on solids is taken out of the
+        system."""
         if self.found is None or self.found.residual.off <= NEAR or self.rounds > MET:
             return None
         cones = self.balance.cones(self.found)
@@ -160,7 +161,7 @@ class Contacts(Checkpointed):
         return cones
 
     def stop_short(self) -> None:
-        """The model went a part of its way only, after `judge`: contacts that it has not come to are none."""
+        """After `judge`, the update was shortened: contacts that were not reached are dropped."""
         ended = self.solids.near.there
         self.solids.stop_short()
         if self.found is not None:
@@ -172,7 +173,7 @@ class Contacts(Checkpointed):
         return AGREED * 2.0 ** max(0, self.rounds - STRICT)
 
     def accept(self, lacks: np.ndarray, needed: np.ndarray) -> bool:
-        """Whether contacts agree with the forces where a linear solve led; if so, they bear these.
+        """Whether contacts agree with the forces where a linear solve led. If so, contact forces are set to these.
 
         Args:
             lacks: (n, 3) [N s] that the step lacks there, without friction of particles that slide on solids.

@@ -1,17 +1,18 @@
 """The law of contact with solids, and the states of contacts that follow from it. numpy only.
 
-A contact bears an impulse p on its particle. Its gap g [m] at the end of the step c, and its slip u [m/s] in it, are those of
-the law where, with any positive m and r [kg],
+A contact puts an impulse p on its particle, in a step of c [s]. Its gap g [m] at the end and its slip u [m/s] satisfy the law
+if, for any positive m and r [kg],
 
     p_n = max(0, p_n - m g/c),    p_t = (p_t - r u) min(1, mu p_n / |p_t - r u|):
 
-then no contact pulls, none is inside, and one that is apart bears nothing. A contact that bears less than mu p_n across
-sticks; one that slides bears as much against its slip [Alart and Curnier 1991]. With the p of a linear solve on the right, the
-left side gives the states in the next one: apart, sticking or sliding. A pure active set lets one row of a cloth slip at a
-time: where more contacts begin to slide than to stick in the first solve, the law is taken smooth in the second (`SMOOTH`).
+Then no contact pulls, no particle is inside, and an open contact carries no load. A contact whose friction is less than mu p_n
+sticks; one that slides has as much against its slip [Alart and Curnier 1991]. Inserting the p of a linear solve on the right
+gives the states in the next one: open, sticking or sliding. With a pure active set one row of a cloth begins to slip in each
+solve. With layers, and with `contact_tol`, friction is therefore viscous in the second solve (`SMOOTH`), if more contacts begin
+to slide than to stick in the first.
 
-Solutions are the same with any r, but not the way to them. With the particle's own mass a taut rope round a bar never settles;
-r is by how much a particle resists among its neighbours, `System.inertia`.
+Solutions are the same with any r, but not the way to them. With the particle's own mass a taut rope round a bar never settles.
+r is the effective inertia of the particle in the cloth, `System.inertia`.
 """
 
 from dataclasses import dataclass, fields
@@ -21,9 +22,9 @@ import numpy as np
 from ..points import EYE, length, rows_of, sym_outer, tangential
 from .vertices import VertexContacts
 
-SMOOTH = 0.01  # slip [m/s] below which friction is viscous, in one solve; .1, .03 and three of them take more solves
-MOST = 0.999  # of the cone, that a sliding contact bears in the linearisation: at the cone's edge drag is without bound
-EXACT = 1e-12  # m: a gap that is none
+SMOOTH = 0.01  # slip [m/s] below which friction is viscous, in one solve. .1, .03 and three falling ones take more solves
+MOST = 0.999  # largest part of the friction bound in the linearization: with all of it drag would be infinite
+EXACT = 1e-12  # m: smaller gaps count as 0
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Rows:
     Attributes:
         key: (k,) particle and solid.
         stick: (k,) whether all directions are held.
-        normal: (k,) p_n [N s] that friction goes by.
+        normal: (k,) normal impulse p_n [N s] that bounds friction.
         push: (k, 3) d, the direction of friction on a sliding contact; 0 elsewhere.
         drag: (k,) [kg].
     """
@@ -92,7 +93,7 @@ def borne(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> n
 
 def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, normal: np.ndarray, mass: np.ndarray,
            inertia: np.ndarray, c: float) -> tuple[Rows, np.ndarray, np.ndarray]:
-    """The rule above, after a linear solve.
+    """Projects the result of a linear solve to the law, by the formulas of the module.
 
     Args:
         f: contacts where it ended, with their gaps; was: their states in it; slip: (k, 3) there [m/s].
@@ -107,7 +108,7 @@ def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, nor
     cone, rubs = f.friction * p_n, f.friction > 0
     tau = borne(f, was, slip, held) - inertia[:, None] * slip
     size = length(tau)
-    back = was.push.any(axis=1) & (np.einsum("ki,ki->k", slip, was.push) > 0)  # friction has turned its slip round
+    back = was.push.any(axis=1) & (np.einsum("ki,ki->k", slip, was.push) > 0)  # its slip is now along friction: it has reversed
     slides = (size > cone * (1 + 1e-9)) & ~back
     part = np.minimum(1, cone / np.maximum(size, 1e-300))
     push = np.where(slides[:, None], tau / np.maximum(size, 1e-300)[:, None], 0.0)
