@@ -1,9 +1,8 @@
-"""The contacts of a step that is solved: their states from solve to solve, and how far forces are from balance.
+"""States of the contacts with solids from solve to solve of a step, and the residual of the force balance. numpy only.
 
-Newton's method on the whole problem: with b the impulses that the step lacks, M (v_base - v) + c f at its end, and p those of
-contacts by Coulomb's law (`coulomb`), the step is solved where b + p = 0 in every direction that is not pinned. A contact
-that bears is held along its normal by the next linear solve. One that sticks is held in all directions, one that slides feels
-drag. numpy only.
+Let b = M (v_base - v) + c f be the residual impulse at the end state, and p the impulse of contacts by Coulomb's law
+(`coulomb`). The step is solved if b + p = 0 in all directions that are not pinned. A contact that bears is held along its
+normal by the next linear solve. One that sticks is held in all directions, one that slides feels drag.
 
 A particle that is inside a solid at the start, or is predicted to end there, is brought to the surface by y in the first
 solve. One that enters later is led there, with the velocity that this takes.
@@ -21,8 +20,8 @@ from .sliding import Sliding
 from .solid_contacts import Forces, SolidContacts
 from .vertices import VertexContacts
 
-MET = 4  # solves of (18) after which contacts keep their planes: spikes of 5 mm that are driven through a sheet turn theirs in
-# every one; with 2, 4 and 6 all of `test_drives` pass, with 1 and without end two give up
+MET = 4  # solves after which contacts keep their planes: around a spike of 5 mm these would change in every solve. With 2, 4
+# and 6 all of `test_drives` pass, with 1 and without end two give up
 EARTH = 9.81  # m/s^2: forces are compared with the weight that cloth has there, also where gravity is less
 Impulses = tuple[np.ndarray, np.ndarray]  # (k, 3) on contacts [N s], and (k,) along their normals
 
@@ -35,8 +34,8 @@ class Residual:
         off: |b + p| over all that acts: weight, contact, pins, changes of momentum.
         worst: the particle that most of it is at.
         acting: all that acts [N s].
-        changed: contacts that do another thing from here on.
-        law: |p by the law - p that the last linear solve took| over all that acts, in steps that are solved.
+        changed: contacts whose state changes.
+        law: |p by the law - p that the last linear solve took| over all that acts; with `contact_tol` only.
     """
 
     off: float
@@ -70,11 +69,11 @@ class Balance:
 
     Attributes:
         rows: the contacts' states in the next solve; f: these contacts, with where they were met.
-        goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
+        goal: (k,) target gap [m]; negative if the particle starts too deep to be pushed out in a step.
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
         inertia: (n,) by which particles resist a force [kg]: `System.inertia`, their mass before a solve.
-        k: linear solves so far; smoothed: whether the last one took friction smooth; rubbed: whether more contacts
-            began to slide in it than to stick.
+        k: linear solves so far; smoothed: whether friction was viscous in the last one below `SMOOTH`; rubbed: whether
+            more contacts began to slide in it than to stick.
     """
 
     def __init__(self, solids: SolidContacts, base_v: np.ndarray) -> None:
@@ -171,8 +170,8 @@ class Balance:
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal[bears], p[bears], rubbed, (f, rows, slip, goal))
 
     def cones(self, found: Found) -> Cones | None:
-        """The contacts near by of particles with a single one, from where they were found; None without any that rubs. A
-        particle that has several and is held, or is pinned or sewn, stays."""
+        """The contacts near by of particles with a single one, from where they were found; None without any that rubs.
+        Particles that are pinned, sewn, or held by several contacts stay fixed."""
         (f, rows, slip, goal), start, n = found.near, self.start, len(self.mass)
         single, normal = self._single(f), rows.normal
         size = (f.friction * normal)[single]
@@ -201,7 +200,7 @@ class Balance:
 
     def relaxed(self, found: Found, slip: np.ndarray, pressed: np.ndarray) -> Found:
         """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and of those that
-        press, by their impulses (k,) [N s]. New ones are smooth in the next solve: only that tells how much they bear."""
+        press, by their impulses (k,) [N s]. New ones have no friction in the next solve, which gives their load."""
         (f, rows, slips, goal), single = found.near, self._single(found.near[0])
         slip = slip * self.start.c / self.start.h
         bears = rows.normal > 0
@@ -219,7 +218,7 @@ class Balance:
         return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears], on=on)
 
     def reached(self, found: Found, short: np.ndarray) -> Found:
-        """`found` without new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""
+        """`found` without new contacts that were not reached when the update was shortened by `short` (n, 3) [m]."""
         f = found.f
         met = f.gap + np.einsum("ki,ki->k", short[f.index], f.normal) < 0
         kept = self.rows.of(f.key)[0] | met
@@ -280,8 +279,8 @@ class Balance:
         return np.where((known | bears)[:, None], took, 0.0)
 
     def go_on(self, solved: bool) -> None:
-        """A further solve follows. If contacts began to slide in the first one, friction is smooth in the next, unless all is
-        in balance (`solved`). Contacts that slide slower than `SMOOTH` would seem to stick in it.
+        """A further solve follows. If contacts began to slide in the first one, friction is viscous below `SMOOTH` in the next,
+        unless all is in balance (`solved`). With that, slower slip looks like sticking.
         """
         self.smoothed = self.k == 1 and self.rubbed and not solved
         if self.smoothed:

@@ -7,9 +7,9 @@ if, for any positive m and r [kg],
 
 Then no contact pulls, no particle is inside, and an open contact carries no load. A contact whose friction is less than mu p_n
 sticks; one that slides has as much against its slip [Alart and Curnier 1991]. Inserting the p of a linear solve on the right
-gives the states in the next one: open, sticking or sliding. With a pure active set one row of a cloth begins to slip in each
-solve. With layers, and with `contact_tol`, friction is therefore viscous in the second solve (`SMOOTH`), if more contacts begin
-to slide than to stick in the first.
+gives the states in the next one: open, sticking or sliding. With a pure active set one row of a cloth begins to slip in
+each solve. With layers, and with `contact_tol`, friction is therefore viscous in the second solve (`SMOOTH`), if more contacts
+begin to slide than to stick in the first.
 
 Solutions are the same with any r, but not the way to them. With the particle's own mass a taut rope round a bar never settles.
 r is the effective inertia of the particle in the cloth, `System.inertia`.
@@ -108,7 +108,7 @@ def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, nor
     cone, rubs = f.friction * p_n, f.friction > 0
     tau = borne(f, was, slip, held) - inertia[:, None] * slip
     size = length(tau)
-    back = was.push.any(axis=1) & (np.einsum("ki,ki->k", slip, was.push) > 0)  # its slip is now along friction: it has reversed
+    back = was.push.any(axis=1) & (np.einsum("ki,ki->k", slip, was.push) > 0)  # slip is now along friction: it has reversed
     slides = (size > cone * (1 + 1e-9)) & ~back
     part = np.minimum(1, cone / np.maximum(size, 1e-300))
     push = np.where(slides[:, None], tau / np.maximum(size, 1e-300)[:, None], 0.0)
