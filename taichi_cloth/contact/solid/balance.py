@@ -69,7 +69,7 @@ class Balance:
 
     Attributes:
         rows: the contacts' states in the next solve; f: these contacts, with where they were met.
-        goal: (k,) target gap [m]; negative if the particle starts too deep to be pushed out in a step.
+        goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
         inertia: (n,) by which particles resist a force [kg]: `System.inertia`, their mass before a solve.
         k: linear solves so far; smoothed: whether friction was viscous in the last one below `SMOOTH`; rubbed: whether
@@ -279,8 +279,8 @@ class Balance:
         return np.where((known | bears)[:, None], took, 0.0)
 
     def go_on(self, solved: bool) -> None:
-        """A further solve follows. If contacts began to slide in the first one, friction is viscous below `SMOOTH` in the next,
-        unless all is in balance (`solved`). With that, slower slip looks like sticking.
+        """A further solve follows. If contacts began to slide in the first one, friction is viscous below `SMOOTH` in the
+        next, unless all is in balance (`solved`). With that, slower slip looks like sticking.
         """
         self.smoothed = self.k == 1 and self.rubbed and not solved
         if self.smoothed:
