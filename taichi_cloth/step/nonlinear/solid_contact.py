@@ -1,8 +1,8 @@
 """The problem of a backward Euler step in contact with solids. [BW98 §5, §6]
 
-The first Newton step is (18): solves of the same linearization, from the saved state, go on until contacts agree with the
-answer by Coulomb's law (`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs taken
-anew from where they begin; their terms of Phi count.
+The first Newton step linearizes at the saved state, (18), and repeats the linear solve until contact states satisfy Coulomb's law
+(`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs linearized anew. The potentials
+of friction and pairs are part of Phi.
 """
 
 from collections.abc import Callable
@@ -77,7 +77,7 @@ class SolidStep(EulerStep):
     relaxed = False
 
     def first(self) -> Outcome | None:
-        """(18) with the contacts that agree with it, by solves of which each is twice as exact as the one before."""
+        """(18) with contacts that agree with it. The tolerance of CG is halved in each solve."""
         contacts, tolerance = self.system.contacts, self.forcing.preliminary
         with self.clock.part("C-S"):
             predict(self.system, self.c, self.held, together=False)
@@ -109,7 +109,7 @@ class SolidStep(EulerStep):
             return self.system.contacts.judge(self.system.reaction_rows(), self.system.inertia())
 
     def finish_solve(self) -> Outcome | None:
-        """The rest of a preliminary solve, counted with it as one."""
+        """Goes on from the last rough solve to `cg_tol`; both count as one solve."""
         if not self.solutions[-1].preliminary:
             return None
         rough = self.solutions.pop()
@@ -121,8 +121,8 @@ class SolidStep(EulerStep):
         return self.unsolved()
 
     def balances(self) -> bool:
-        """Whether contacts agree with the forces at the end of the solve, evaluated there. If so, contact forces balance
-        them."""
+        """Whether contact states satisfy Coulomb's law with the true forces at the end state. If so, contact forces are those
+        that balance them."""
         system, contacts = self.system, self.system.contacts
         solids = contacts.solids
         if solids.wanting():
@@ -189,7 +189,7 @@ class SolidStep(EulerStep):
         return super().potential(measures) + self.system.contacts.lagged(self.c)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
-        """Whether anything ended too deep after further Newton steps that held the same contacts."""
+        """Rejects the step if further Newton steps, which held the same contacts, pushed anything too deep."""
         with self.clock.part("C-S"):
             wrong = self.system.contacts.went_in(self.system.reaction_rows())
         return Outcome(CONTACT, "after further solves", measures) if wrong else Outcome(None, "", measures, ledger)
@@ -206,8 +206,8 @@ class SolidPolicy(EulerPolicy):
     solved: Callable[..., StepProblem] | None = None
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
-        """See `EulerPolicy`. A small step that is not solved is made as without `contact_tol`, and one in which solids leave
-        cloth no room: no state is in balance there."""
+        """See `EulerPolicy`. If a small step is not solved, it is repeated without `contact_tol`. So are steps in which solids
+        leave cloth no room: no state is in balance there."""
         if self.solved is not None and not self.system.contacts.hindered:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
             made = minimize(problem, 1 + self.system.options.newton_max + MORE)

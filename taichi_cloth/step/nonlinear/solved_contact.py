@@ -4,10 +4,10 @@ Newton's method on all of it: the cloth's forces, and by one rule the forces, st
 (`contact.solid.balance`). The first solve is (18) [BW98 §5, §6] with the contacts that the step before ended with, and those
 that are predicted. Each further one begins where the last one ended. Forces are evaluated there, and states of contacts come
 from the proximal gradient method on the new linearization (`solver.proximal`), or near the law from the law itself. The step
-is solved where forces are in balance, within `contact_tol` of all that acts, and contacts bear by Coulomb's law what the last
-solve took, within AGREED of that.
+is solved if forces balance to `contact_tol` of all impulses, and impulses of contacts by Coulomb's law equal those of the last
+linear solve to AGREED of that.
 
-A step that comes near enough only (`BEARABLE`) is taken, and counted as unsolved. One that does not is tried smaller.
+A step within BEARABLE times the tolerance is accepted; its `contact_error` shows the residual. Any other is tried smaller.
 
 Differs from `solid_contact`: the balance is that of the step's end, not of its linearization.
 
@@ -15,9 +15,9 @@ Tried and left out:
 - Newton steps shortened until the potential falls, with terms of friction and without the work of constraints (`sphere_drape`
   556 solves for 552, `table` 425 for 485);
 - the prediction as the first linearization's place (as many solves);
-- friction by secants to the end (three times as many steps: it converges by .9 a solve);
-- states by the forces that balance needs instead of those of the last solve (they never settle). They are tried where contacts
-  agree: without that `sphere_drape` takes 589 solves for 569, `bunny_drape` 1,966 to 2,711 for 837 to 2,125 (four frictions).
+- friction linearized by secants to the end (three times as many steps: the error falls by 10 % in a solve only);
+- contact states from the residual forces instead of those of the last solve (they do not converge). They are a second test where
+  contacts agree: without that `sphere_drape` takes 589 solves for 569, `bunny_drape` 1,966 to 2,711 for 837 to 2,125 (four frictions).
 """
 
 import math
@@ -55,10 +55,10 @@ class SolvedStep(StepProblem):
         balance: of forces and contacts; found: its assessment of the state; residual: as last judged, out of balance by no
             more than `enough` where the step is solved.
         lacks: (n, 3) impulses [N s] that the state lacks; taken: contact forces of the last solve.
-        acting: least [N s] that acts in any state of the step, of which `enough` is a part: a state far off has forces of any
-            size, and would be in balance by these.
+        acting: least sum of all impulses [N s] in any state of the step, of which `enough` is a part. By that of the state
+            itself one far off, with huge forces, would pass.
         over: span [s] over which damping is an energy; 0 where the step starts from a base.
-        pairs: of edges that want another solve.
+        pairs: number of pairs of edges that need another solve.
         relaxed: whether states of contacts came from the proximal gradient method before the last solve.
     """
 
