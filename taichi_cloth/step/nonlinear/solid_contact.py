@@ -1,7 +1,7 @@
 """The problem of a backward Euler step in contact with solids. [BW98 §5, §6]
 
-The first Newton step linearizes at the saved state, (18), and repeats the linear solve until contact states satisfy Coulomb's law
-(`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs linearized anew. The potentials
+The first Newton step linearizes at the saved state, (18), and repeats the linear solve until contact states satisfy Coulomb's
+law (`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs linearized anew. The potentials
 of friction and pairs are part of Phi.
 """
 
@@ -206,8 +206,8 @@ class SolidPolicy(EulerPolicy):
     solved: Callable[..., StepProblem] | None = None
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
-        """See `EulerPolicy`. If a small step is not solved, it is repeated without `contact_tol`. So are steps in which solids
-        leave cloth no room: no state is in balance there."""
+        """See `EulerPolicy`. A small step that is not solved is made as without `contact_tol`, and one in which solids leave
+        cloth no room: no state is in balance there."""
         if self.solved is not None and not self.system.contacts.hindered:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
             made = minimize(problem, 1 + self.system.options.newton_max + MORE)
