@@ -1,8 +1,8 @@
 """The problem of a backward Euler step in contact with solids. [BW98 §5, §6]
 
 The first Newton step linearizes at the saved state, (18), and repeats the linear solve until contact states satisfy Coulomb's
-law (`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs linearized anew. The potentials
-of friction and pairs are part of Phi.
+law (`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs linearized anew. The
+potentials of friction and pairs are part of Phi.
 """
 
 from collections.abc import Callable

@@ -17,7 +17,8 @@ Tried and left out:
 - the prediction as the first linearization's place (as many solves);
 - friction linearized by secants to the end (three times as many steps: the error falls by 10 % in a solve only);
 - contact states from the residual forces instead of those of the last solve (they do not converge). They are a second test
-  where contacts agree: without that `sphere_drape` takes 589 solves for 569, `bunny_drape` 1,966 to 2,711 for 837 to 2,125 (four frictions).
+  where contacts agree: without that `sphere_drape` takes 589 solves for 569, `bunny_drape` 1,966 to 2,711 for 837 to 2,125
+  (four frictions).
 """
 
 import math
