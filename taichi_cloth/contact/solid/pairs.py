@@ -30,7 +30,6 @@ HELD = 0.6  # of a pair's range: a pair that begins or comes nearer is held by a
 BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its
 # own; the former for small steps, which lift nearer pairs no faster than large ones do
 SHALLOW = 0.05  # of the way from LEAST to the range: the law stiffens no further
-LIGHT = 0.01  # weight of a particle below which a place on cloth is not its
 DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
 GIVE, BORNE = 0.02, 0.05  # of a pair's range, by which its load moves it, at first, and after many steps
 STIFFER, SOFTER = 4.0, 0.8  # factors: at least, from solve to solve; from usual step to usual step; both of layers too
@@ -66,7 +65,7 @@ class Pairs:
     def own_vertices(self) -> np.ndarray:
         """(k, 3) the particles, those that carry none of the place replaced by the one that carries most."""
         most = np.take_along_axis(self.vertices, self.weights.argmax(axis=1)[:, None], axis=1)
-        return np.where(self.weights > LIGHT, self.vertices, most)
+        return np.where(self.weights > 0, self.vertices, most)
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) values of the places on the cloth, from those (n, 3) of the particles."""
