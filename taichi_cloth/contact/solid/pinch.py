@@ -27,7 +27,6 @@ WHOLE, WEDGE = 0.0, 0.5  # below which they need all of their room, next to pinc
 SAME = 0.5  # cosine between the normals of one side from step to step
 FREE = 1.25  # times the room needed: with more, a pinched particle is free
 SLOWLY = 0.05  # m/s by which pinched particles go to their share of the room, besides the surfaces' own motions
-LEAST = 0.1  # length of the difference of two normals that shifts are measured by
 SHARE = 0.2  # of the room that is kept from either side
 PRESSURE = 2000.0  # Pa with which surfaces without room between them press, as far as friction goes: flesh yields
 LAGGED = 0.1  # relative error of friction that a first solve may leave
@@ -186,7 +185,7 @@ class Pinches(Checkpointed):
         """(k, 3) where particles are at the end of the step [m]."""
         a, b = both.a, both.b
         mean, apart = (a.motion + b.motion) / 2, a.normal - b.normal
-        size = np.maximum(np.linalg.norm(apart, axis=1), LEAST)
+        size = np.maximum(np.linalg.norm(apart, axis=1), 1e-30)
         across = apart / size[:, None]
         height = [s.height + np.einsum("ki,ki->k", s.normal, mean - s.motion) for s in (a, b)]
         wanted = (2 * share - 1) * np.maximum(both.room, SQUEEZED * self._needed(both))
