@@ -273,10 +273,10 @@ class Balance:
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
 
     def _took(self, taken: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
-        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now; it pulled at none."""
+        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now. It may have pulled at some."""
         known, was = self.rows.of(f.key)
         held, normal = (_rows(self.rows.key, values, f.key) for values in taken)
-        took = np.maximum(normal, 0)[:, None] * f.normal + borne(f, was, slip, held)
+        took = normal[:, None] * f.normal + borne(f, was, slip, held)
         return np.where((known | bears)[:, None], took, 0.0)
 
     def go_on(self, solved: bool) -> None:
