@@ -82,7 +82,7 @@ class Options:
         None, "number", "RMS of the last change of position [m] at which Newton's method stops; None takes 1e-4 for backward "
         "Euler, and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
     contact_tol: float | None = _option(
-        None, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
+        0.1, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
         "part of the forces on it, such as .03: steps are solved to it, by more solves or smaller steps. None accepts steps "
         "after one linearization, by their energy", "--contact-tol", positive=True, most=100.0)
     tolerance: float | None = _option(
@@ -111,7 +111,7 @@ class Options:
 
         for option in fields(self):
             value, kind = getattr(self, option.name), option.metadata["kind"]
-            if value is None and option.default is None:
+            if value is None and (option.default is None or "None" in str(option.type)):
                 continue
             bounds = dict(option.metadata["bounds"])
             if kind == "number":

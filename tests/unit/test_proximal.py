@@ -120,7 +120,7 @@ def test_friction_that_the_system_has_is_taken_out_once(rng):
 
 
 def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch):
-    """A sheet falls on a ball: iterations follow solves that are off by more than 3 %, and none that is better."""
+    """A sheet falls on a ball, in steps that are not solved: iterations follow solves that are off by more than 3 %, and none that is better."""
     from taichi_cloth.contact.contacts import NEAR, Contacts
 
     seen, runs, judge, run = [], [], Contacts.judge, ProximalGradient.run
@@ -130,7 +130,7 @@ def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch
     fabric = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))
     scene.add_cloth(mesh, fabric, mesh.x + [-0.3, 0.21, 0.3])
     scene.add_solid(tc.Sphere(0.2), 0.4, 0.005)
-    with tc.Simulation(scene, h=H, threads=1) as sim:
+    with tc.Simulation(scene, h=H, threads=1, contact_tol=None) as sim:
         for _ in range(20):
             sim.step()
         assert max(r.contact_error for r in sim.log) < 0.05

@@ -152,7 +152,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.balance.inertia, holding = system.inertia(), solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
-                solids.active.contacts, needed), self.enough, self.agreed)
+                solids.active.contacts, needed), self.enough, self.agreed, fixed=self.balance.k >= MET)
         return measures
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
