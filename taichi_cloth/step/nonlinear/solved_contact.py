@@ -127,7 +127,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.reaction = system.reaction_rows()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
-            self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
+            self.solved, self.began = (solids.linearized, solids.pressing, solids.sliding), contacts.base
         with self.clock.part("EVAL"):
             self.changes.add(self.c * system.rms_change())
             if k:
@@ -166,7 +166,7 @@ class SolvedStep(StepProblem):
         more = r.acting / self.acting
         self.residual = r = replace(r, off=r.off * more, law=r.law * more)
         with self.clock.part("C-S"):
-            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began, self.solved)
+            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began[0], self.solved[:2])
         solved = self.within(1.0) and not smoothed and not self.pairs
         if self.effort is not None:
             solved &= self.changes.enough(self.effort)
@@ -209,9 +209,10 @@ class SolvedStep(StepProblem):
         """Whether the step passes: nothing too deep or through solids, and no energy from nowhere."""
         contacts, system, solids = self.contacts, self.system, self.contacts.solids
         with self.clock.part("C-S"):
-            self.balance.take(self.found)
-            self.balance.finish()
-            self.held = self.balance.held
+            solids.trial = self.balance.next_states(self.found)
+            solids.linearized, solids.pressing, solids.sliding = self.solved
+            contacts.base = self.began
+            solids.record_forces(self.reaction, self.began[0])
             r = self.residual
             error = replace(r, off=r.law if self.within(1.0) else max(r.off, r.law))
             contacts.found, solids.unsettled = replace(self.found, residual=error), r.changed
@@ -222,7 +223,6 @@ class SolvedStep(StepProblem):
         if through:
             return Outcome(CONTACT, f"{contacts.crossings} crossings", measures)
         with self.clock.part("EVAL"):
-            system.hold(self.held, -self.lacks)
             ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST, slack=self.enough)
         if ended is None:
             return Outcome(ENERGY, f"{len(self.solutions)} solves", measures)
