@@ -174,8 +174,8 @@ def corners(cells: int, phi: float, mu: float) -> float:
 def capstan(phi: float, mu: float, h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
     """A strip drawn round a bar: of the tensions at its ends one is exp(mu phi) times the other, whatever the bar's radius.
 
-    dT = mu N ds and N = T / R give dT = mu T d(phi), on the mesh `corners`. Both tensions are k times the width times the strain
-    of what is straight, so that their ratio is that of the strains; it is taken from .45 s on.
+    dT = mu N ds and N = T / R give dT = mu T d(phi), on the mesh `corners`. Both tensions are k times the width times the
+    strain of straight parts, so that their ratio is that of the strains; it is taken from .45 s on.
     """
     scene, cloth, mesh, ways = wound(cells, start, phi, mu, 1e-4)
     first, last = mesh.select("left"), mesh.select("right")

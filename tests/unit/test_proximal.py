@@ -120,7 +120,8 @@ def test_friction_that_the_system_has_is_taken_out_once(rng):
 
 
 def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch):
-    """A sheet falls on a ball, in steps that are not solved: iterations follow solves that are off by more than 3 %, and none that is better."""
+    """A sheet falls on a ball, in steps that are not solved: iterations follow solves that are off by more than 3 %, and none
+    that is better."""
     from taichi_cloth.contact.contacts import NEAR, Contacts
 
     seen, runs, judge, run = [], [], Contacts.judge, ProximalGradient.run

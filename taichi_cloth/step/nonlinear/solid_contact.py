@@ -216,6 +216,6 @@ class SolidPolicy(EulerPolicy):
                 self.system.stays_definite = self.system.definite = False
                 if made.rejection is None or contacts.start.share > 1.5 / FINEST:
                     return made
-                self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without it")
+                self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without")
             self.system.start_over()
         return super().attempt(h, pins, start, clock, solutions)

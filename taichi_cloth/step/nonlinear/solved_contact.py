@@ -212,9 +212,9 @@ class SolvedStep(StepProblem):
             solids.linearized, solids.pressing, solids.sliding = self.solved
             contacts.base = self.began
             solids.record_forces(self.reaction, self.began[0])
-            r = self.residual
-            error = replace(r, off=r.law if self.within(1.0) else max(r.off, r.law))
-            contacts.found, solids.unsettled = replace(self.found, residual=error), r.changed
+            r, solved = self.residual, self.within(1.0) and not self.pairs
+            contacts.found = replace(self.found, residual=replace(r, off=r.law if solved else max(r.off, r.law)))
+            solids.unsettled = 0 if solved else max(r.changed, 1)
             deep = solids.ends_deep()
             through = not deep and solids.went_through()
         if deep:
