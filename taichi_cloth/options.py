@@ -83,8 +83,9 @@ class Options:
         "Euler, and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
     contact_tol: float | None = _option(
         0.1, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
-        "part of the forces on it, such as .03: steps are solved to it, by more solves or smaller steps. None accepts steps "
-        "after one linearization, by their energy", "--contact-tol", positive=True, most=100.0)
+        "part of the forces on it: steps are solved to it, by more solves or smaller steps, and contacts agree to a hundredth "
+        "of it. .01 is for measurements. None accepts steps after one linearization, by their energy: two thirds of the time "
+        "on smooth solids, for previews", "--contact-tol", positive=True, most=100.0)
     tolerance: float | None = _option(
         None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
         'steps asked for. Needs "safe", "bdf2" or "tr_bdf2"', "--tolerance", "m", positive=True)

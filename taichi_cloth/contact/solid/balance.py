@@ -269,7 +269,7 @@ class Balance:
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
 
     def _took(self, taken: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
-        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now. It may have pulled."""
+        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now."""
         known, was = self.rows.of(f.key)
         held, normal = (_rows(self.rows.key, values, f.key) for values in taken)
         took = normal[:, None] * f.normal + borne(f, was, slip, held)
