@@ -23,7 +23,7 @@ DRIVES = "tests/hard/test_drives.py"
 PARTS = "tests/physics/test_body_parts.py"
 CLOSING = "tests/physics/test_closing_bodies.py"
 ARM, MESH_ARM = (f"{CLOSING}::test_an_arm_that_closes_on_a_trunk[{which}]" for which in
-                 ("capsules-1-1-0.05", "one_mesh-1-1-0.05"))
+                 ("capsules-1", "one_mesh-1"))
 BETWEEN, FACING = (f"{CLOSING}::{name}" for name in (
     "test_what_is_between_bears_and_is_resumed_bit_for_bit", "test_surfaces_by_where_they_face"))
 PULLED = f"{CLOSING}::test_what_is_pinched_is_pulled_out"
