@@ -91,8 +91,8 @@ def drum(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
 
     p is the angle of its middle; it covers 2 a of the drum, so that gravity along it and on it are g sin(p) and g cos(p)
     times sin(a) / a. N = m (g cos(p) - R p'^2) gives R p'' = g (sin(p) - mu cos(p)) sin(a) / a + mu R p'^2 from
-    tan(p) = mu and p' = omega on. Its tension, of the order of a^2, is left out. A method of first order may be off by
-    h / 2 times what it is faster than the drum.
+    tan(p) = mu and p' = omega on. Its tension, of the order of a^2, is left out. A method of first order may be off by h times
+    what it is faster than the drum: it takes speeds, and what pulls and grows from 0 on, of a step's end, h / 2 each.
     """
     mu, omega, size = 0.3, 0.8, 0.1
     radius = 0.5 + THICK
@@ -116,7 +116,7 @@ def drum(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
     mid = np.abs(t - 0.25).argmin()
     law, fast = ahead(mu)
     return (Result("goes along", float(p[mid]), omega * t[mid], 1e-4, "rad", wrong=2 * omega * t[mid]),
-            Result("slides", float(p[-1] - omega * t[-1]), law, 0.03 * law + fast * h / 2, "rad", wrong=ahead(mu / 2)[0]))
+            Result("slides", float(p[-1] - omega * t[-1]), law, 0.03 * law + fast * h, "rad", wrong=ahead(mu / 2)[0]))
 
 
 def rolled(angle: float) -> np.ndarray:

@@ -45,8 +45,8 @@ def test_a_corner_driven_fast_into_a_sheet():
 
 def test_a_capsule_driven_into_a_sheet_at_many_speeds():
     """A capsule driven into a sheet that hangs, at 24 speeds: a rounding decides what becomes of one, so they are counted
-    together. 53 steps are tried smaller, and 2.3 J are unaccounted for; without further Newton steps for the energy of a step
-    in contact 30 and 13.4 J."""
+    together. 92 steps are tried smaller, and 1.1 J are unaccounted for; without `contact_tol` 53 and 2.3 J, and without
+    further Newton steps for the energy of a step in contact 30 and 13.4 J."""
     rejected = unaccounted = 0
     for speed in np.arange(8, 20, 0.5):
         mesh, scene = tc.grid(0.5, 10, plane="xy"), tc.Scene()
@@ -62,7 +62,7 @@ def test_a_capsule_driven_into_a_sheet_at_many_speeds():
                 assert not crossed and nearest > 0.149
             rejected += sum(sum(r.rejections.values()) for r in sim.log)
             unaccounted += max(abs(r.ledger["unaccounted"]) for r in sim.log[:3])
-    assert rejected < 75 and unaccounted < 5, (rejected, unaccounted)
+    assert rejected < 120 and unaccounted < 2.3, (rejected, unaccounted)
 
 
 def test_a_ball_against_cloth_that_is_led():

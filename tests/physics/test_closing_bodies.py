@@ -146,7 +146,7 @@ K, LENGTH, WIDE, CELLS = 2000.0, 0.1, 0.03, (32, 10)
 
 def pulled_out(speed: float, h: float) -> tuple[np.ndarray, np.ndarray]:
     """A strip between plates that leave it no room, one end of which is led away: (how far it was led (k,) [m], the pull there
-    (k,) [N/m])."""
+    (k,) [N/m]). Its first is by 0 m: the plates close on a strip that is pressed together by some."""
     scene, mesh = tc.Scene(gravity=None), tc.grid((LENGTH, WIDE), CELLS)
     x = mesh.x - mesh.x.mean(axis=0)
     scene.add_solid(tc.Plane(), MU, 0.003, name="floor")
@@ -157,7 +157,7 @@ def pulled_out(speed: float, h: float) -> tuple[np.ndarray, np.ndarray]:
     sim, rows = tc.Simulation(scene, h=h, integrator="backward_euler"), []
     while sim.time < 0.1 + 0.008 / speed:
         sim.step()
-        if sim.time > 0.1:
+        if sim.time > 0.1 - 1e-9:
             rows.append((speed * (sim.time - 0.1), sim.constraint_forces()[end, 0].sum() / WIDE))
     assert sim.log[-1].pinched == sim.vertex_count and min(r.h for r in sim.log) > h - 1e-9
     loads = [force[0] for force, _ in sim.solid_loads().values()]
@@ -172,11 +172,13 @@ def pulled_out(speed: float, h: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("speed, within, mean", [(0.01, 0.06, 0.05), (0.05, 0.9, 0.25)])
 def test_what_is_pinched_is_pulled_out(speed, within, mean):
     """Friction of both sides, tau = 2 mu p, holds it up to sqrt(2 k tau d) while a part of the strip slips, and
-    pulls by tau L once all of it does. At 1/60 s; fast, the slip comes a few steps late."""
+    pulls by tau L once all of it does. A pressure P that is in it at first takes P^2 / (2 k tau) of the way. At 1/60 s;
+    fast, the slip comes a few steps late."""
     tau = 2 * MU * PRESSURE
     far, pull = pulled_out(speed, H)
     free = LENGTH * (1 - 0.5 / CELLS[0])
-    part = np.sqrt(2 * K * tau * far)
+    assert far[0] == pytest.approx(0.0, abs=1e-9) and -10 < pull[0] <= 0
+    part = np.sqrt(np.maximum(2 * K * tau * far - pull[0] ** 2, 0.0))
     early = (part < 0.9 * tau * free) & (far > 5e-4)
     assert early.sum() > 1 and pull[early] == pytest.approx(part[early], rel=within)
     assert pull[far > 5e-3].mean() == pytest.approx(tau * free, rel=mean)
@@ -185,7 +187,8 @@ def test_what_is_pinched_is_pulled_out(speed, within, mean):
 def test_a_wall_pushes_cloth_along_a_floor():
     """The corner between them closes on the sheet's edge, and pinches nothing: the edge goes with the wall, or ahead of it.
 
-    An elastic sheet that a wall of speed v meets may leave it by at most v, which friction stops within v^2 / (2 mu g).
+    An elastic sheet that a wall of speed v meets may leave it by at most v, which friction stops within v^2 / (2 mu g). Steps
+    after the impact may be a quarter of those asked for, until they are solved.
     """
     scene, mesh = tc.Scene(), tc.grid(0.2, 6)
     scene.add_solid(tc.Plane(), friction=0.1, thickness=THICK, name="floor")
@@ -196,7 +199,7 @@ def test_a_wall_pushes_cloth_along_a_floor():
     while sim.time < 0.4:
         sim.step()
     ahead = sim.positions()[:, 0].min() - (0.3 * sim.time - 0.01 + THICK)
-    assert max(r.pinched for r in sim.log) == 0 and min(r.h for r in sim.log) > H - 1e-9
+    assert max(r.pinched for r in sim.log) == 0 and min(r.h for r in sim.log) > H / 4 - 1e-9
     assert -0.3 * THICK < ahead < 0.3**2 / (2 * 0.1 * 9.81) + 0.3 * THICK
     sim.close()
 

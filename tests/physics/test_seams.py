@@ -263,7 +263,7 @@ def test_sewn_cloth_in_contact():
         if m is mesh:
             for a, b in seams:
                 scene.sew(cloth, a, b)
-        sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-7)
+        sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-7, contact_tol=1e-3)
         for k in range(24):
             sim.step()
             if k == 11:

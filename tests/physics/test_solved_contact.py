@@ -1,4 +1,4 @@
-"""Steps in contact with solids that are solved, `contact_tol`: the laws that then hold, and the balance, from positions."""
+"""Steps in contact with solids that are solved: their balance, from positions. Laws are in test_contact_laws.py."""
 
 import pathlib
 import sys
@@ -11,36 +11,10 @@ import taichi_cloth as tc
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
 from laws import CASES, case  # noqa: E402
 
-LAWS = {
-    "slip_front": ("moved",),
-    "turntable": ("slip",),
-    "turntable_catches": ("lags", "slip after"),
-    "sticks_again": ("slid", "slip after"),
-    "edge_smooth": ("way", "speed"),
-    "edge_round": ("way", "speed"),
-    "edge_slope": ("way", "speed"),
-    "landing_ball": ("gravity's work", "unaccounted"),
-    "landing_table": ("gravity's work", "unaccounted"),
-    "rope_holds": ("slip",),
-    "capstan_90_03": ("ratio", "spread"),
-    "capstan_180_01": ("ratio", "spread"),
-}
-
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LAWS)
-def test_law(name, monkeypatch):
-    """Expected failures of test_contact_laws.py, without; the cases' docstrings derive the laws."""
-    monkeypatch.setitem(case.SETTINGS, "contact_tol", 0.1)
-    results = {r.name: r for r in CASES[name].run(1 / 60, CASES[name].cells[0], 0, 1)}
-    assert set(results) == set(LAWS[name])
-    assert all(r.holds for r in results.values()), ", ".join(map(str, results.values()))
-
-
-@pytest.mark.slow
-def test_a_rope_that_is_drawn_does_not_chatter(monkeypatch):
+def test_a_rope_that_is_drawn_does_not_chatter():
     """The tension beyond half a turn, mu = .8, is within a tenth of what it is on average."""
-    monkeypatch.setitem(case.SETTINGS, "contact_tol", 0.1)
     results = {r.name: r for r in CASES["capstan_180_08"].run(1 / 60, CASES["capstan_180_08"].cells[0], 0, 1)}
     assert results["spread"].measured < 0.1 * results["spread"].wrong / 2  # .01; contacts that may be off by .03: .18
     assert abs(results["ratio"].measured / results["ratio"].law - 1) < 0.05
@@ -123,13 +97,13 @@ def test_momentum_of_every_step_is_that_of_its_forces():
 
 
 def test_step_that_is_not_solved_is_named():
-    """No solve meets 1e-18, which is less than rounding: an eighth of the step is made as without, and a note says so."""
+    """No solve meets 1e-18, which is less than rounding: a quarter of the step is made as without, and a note says so."""
     scene, _ = sheet(0.006)
     with tc.Simulation(scene, h=1 / 60, threads=1, contact_tol=1e-18, newton_max=0) as sim:
         for _ in range(4):
             record = sim.step(1 / 60)
         assert any("contact_tol" in note for note in sim.notes)
-        assert sum(r.rejections.get("NEWTON", 0) for r in sim.log) > 0 and 0.9 / 480 < record.h < 1.1 / 480
+        assert sum(r.rejections.get("NEWTON", 0) for r in sim.log) > 0 and 0.9 / 240 < record.h < 1.1 / 240
 
 
 def test_a_run_is_resumed_bit_for_bit():

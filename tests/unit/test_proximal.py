@@ -120,7 +120,8 @@ def test_friction_that_the_system_has_is_taken_out_once(rng):
 
 
 def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch):
-    """A sheet falls on a ball: iterations follow solves that are off by more than 3 %, and none that is better."""
+    """A sheet falls on a ball, in steps that are not solved: iterations follow solves that are off by more than 3 %, and none
+    that is better."""
     from taichi_cloth.contact.contacts import NEAR, Contacts
 
     seen, runs, judge, run = [], [], Contacts.judge, ProximalGradient.run
@@ -130,15 +131,15 @@ def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch
     fabric = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))
     scene.add_cloth(mesh, fabric, mesh.x + [-0.3, 0.21, 0.3])
     scene.add_solid(tc.Sphere(0.2), 0.4, 0.005)
-    with tc.Simulation(scene, h=H, threads=1) as sim:
+    with tc.Simulation(scene, h=H, threads=1, contact_tol=None) as sim:
         for _ in range(20):
             sim.step()
-        assert max(r.contact_error for r in sim.log) < 0.05
+        assert max(r.contact_error for r in sim.log) < 0.06
     assert len(runs) > 20 and min(runs) > NEAR and sum(off <= NEAR for off in seen) > 10
 
 
 def test_friction_of_contacts_that_open_in_the_iterations_is_at_right_angles_to_their_normals(monkeypatch):
-    """In a solved step, where iterations open a contact that the law keeps, its slip has no part along the normal: friction
+    """Where iterations open a contact that the law keeps, its slip has no part along the normal: friction
     along that part presses cloth into the solid, and grows with the pressure from solve to solve."""
     tilts, relaxed = [], Balance.relaxed
 

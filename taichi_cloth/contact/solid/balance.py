@@ -17,7 +17,7 @@ from ..points import Points, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
 from .coulomb import MOST, SMOOTH, Rows, borne, follow, smoothed
 from .sliding import Sliding
-from .solid_contacts import Forces, SolidContacts
+from .solid_contacts import SolidContacts
 from .vertices import VertexContacts
 
 MET = 4  # solves after which contacts keep their planes: around a spike of 5 mm these would change in every solve. With 2, 4
@@ -59,7 +59,6 @@ class Found:
     rows: Rows
     slip: np.ndarray
     goal: np.ndarray
-    on: np.ndarray
     rubbed: bool
     near: tuple[VertexContacts, Rows, np.ndarray, np.ndarray]
 
@@ -70,7 +69,6 @@ class Balance:
     Attributes:
         rows: the contacts' states in the next solve; f: these contacts, with where they were met.
         goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
-        on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
         inertia: (n,) by which particles resist a force [kg]: `System.inertia`, their mass before a solve.
         k: linear solves so far; smoothed: whether friction was viscous in the last one below `SMOOTH`; rubbed: whether
             more contacts began to slide in it than to stick.
@@ -80,7 +78,7 @@ class Balance:
         self.solids, self.start, self.mass = solids, solids.start, solids.model.mass
         self.inertia = self.mass
         self.base_v = base_v
-        self.on, self.slip, self.k = np.zeros((0, 3)), np.zeros((0, 3)), 0
+        self.slip, self.k = np.zeros((0, 3)), 0
         self.smoothed = self.rubbed = False
 
     def begin(self) -> None:
@@ -167,7 +165,7 @@ class Balance:
         change = (known & (f.friction > 0))[bears] * (was.stick[bears].astype(int) - rows.stick[bears])
         rubbed = bool(change.sum() > 0)
         goal = _rows(self.rows.key, self.goal, f.key)
-        return Found(r, f.take(bears), rows.take(bears), slip[bears], goal[bears], p[bears], rubbed, (f, rows, slip, goal))
+        return Found(r, f.take(bears), rows.take(bears), slip[bears], goal[bears], rubbed, (f, rows, slip, goal))
 
     def cones(self, found: Found) -> Cones | None:
         """The contacts near by of particles with a single one, from where they were found; None without any that rubs.
@@ -202,7 +200,7 @@ class Balance:
         """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and of those that
         press, by their impulses (k,) [N s]. New ones have no friction in the next solve, which gives their load."""
         (f, rows, slips, goal), single = found.near, self._single(found.near[0])
-        slip = slip * self.start.c / self.start.h
+        slip = tangential(slip, f.normal[single]) * self.start.c / self.start.h
         bears = rows.normal > 0
         bears[single] |= pressed > 0
         speed, cone = length(slip), (f.friction * rows.normal)[single]
@@ -214,16 +212,14 @@ class Balance:
         drag[single] = np.where(slides, np.minimum(cone, most * speed) / np.maximum(speed, 1e-300), 0.0)
         slips[single] = slip
         rows = Rows(rows.key, stick, rows.normal, push, drag)
-        on = _rows(found.f.key, found.on, f.key[bears])
-        return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears], on=on)
+        return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears])
 
     def reached(self, found: Found, short: np.ndarray) -> Found:
         """`found` without new contacts that were not reached when the update was shortened by `short` (n, 3) [m]."""
         f = found.f
         met = f.gap + np.einsum("ki,ki->k", short[f.index], f.normal) < 0
         kept = self.rows.of(f.key)[0] | met
-        return replace(found, f=f.take(kept), rows=found.rows.take(kept), slip=found.slip[kept], goal=found.goal[kept],
-                       on=found.on[kept])
+        return replace(found, f=f.take(kept), rows=found.rows.take(kept), slip=found.slip[kept], goal=found.goal[kept])
 
     def next_states(self, found: Found) -> States:
         """The states with which a step ends that goes no further."""
@@ -231,7 +227,7 @@ class Balance:
 
     def take(self, found: Found) -> None:
         """The contacts go on as found."""
-        self.f, self.rows, self.slip, self.goal, self.on = found.f, found.rows, found.slip, found.goal, found.on
+        self.f, self.rows, self.slip, self.goal = found.f, found.rows, found.slip, found.goal
         self.rubbed = found.rubbed
         self.k += 1
 
@@ -272,10 +268,10 @@ class Balance:
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
 
     def _took(self, taken: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
-        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now; it pulled at none."""
+        """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now."""
         known, was = self.rows.of(f.key)
         held, normal = (_rows(self.rows.key, values, f.key) for values in taken)
-        took = np.maximum(normal, 0)[:, None] * f.normal + borne(f, was, slip, held)
+        took = normal[:, None] * f.normal + borne(f, was, slip, held)
         return np.where((known | bears)[:, None], took, 0.0)
 
     def go_on(self, solved: bool) -> None:
@@ -286,19 +282,6 @@ class Balance:
         if self.smoothed:
             f = self.f
             self.rows = smoothed(f.key, f.friction * self.rows.normal, self.rows.normal, self.slip, SMOOTH)
-
-    def finish(self) -> None:
-        """The step is accepted: contacts bear the impulses of the law."""
-        solids, start, f = self.solids, self.start, self.f
-        solids.trial = States(f.key, self.rows.stick, self.rows.normal / start.c, self.rows.push)
-        self.hold()
-        slides = ~self.rows.stick
-        across, mine = tangential(self.on, f.normal)[slides], f.take(slides)
-        solids.sliding = Sliding(slides, Points.at(mine.index, np.zeros((len(across), 6)), across))
-        none = np.zeros((0, 3))
-        solids.forces = Forces(self.on / start.c, none, none)
-        if solids.linearized is not None:
-            solids.forces = Forces(self.on / start.c, solids.pressing.rhs / start.c, solids.linearized.of(solids.near.there))
 
 
 def _rows(keys: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

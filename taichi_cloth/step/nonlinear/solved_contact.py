@@ -25,7 +25,6 @@ import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
-from ...contact.points import tangential
 from ...contact.solid.balance import MET
 from ...contact.solid.sliding import Sliding
 from ...solver.pcg import Solution
@@ -127,7 +126,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.reaction = system.reaction_rows()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
-            self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
+            self.solved, self.began = (solids.linearized, solids.pressing, solids.sliding), contacts.base
         with self.clock.part("EVAL"):
             self.changes.add(self.c * system.rms_change())
             if k:
@@ -152,7 +151,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.balance.inertia, holding = system.inertia(), solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
-                solids.active.contacts, needed), self.enough, self.agreed)
+                solids.active.contacts, needed), self.enough, self.agreed, fixed=self.balance.k >= MET)
         return measures
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
@@ -166,7 +165,7 @@ class SolvedStep(StepProblem):
         more = r.acting / self.acting
         self.residual = r = replace(r, off=r.off * more, law=r.law * more)
         with self.clock.part("C-S"):
-            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began, self.solved)
+            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began[0], self.solved[:2])
         solved = self.within(1.0) and not smoothed and not self.pairs
         if self.effort is not None:
             solved &= self.changes.enough(self.effort)
@@ -195,7 +194,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("CG"):
             slips, pressed = system.relax_next(cones, again)
         with self.clock.part("C-S"):
-            self.found = self.balance.relaxed(self.found, tangential(slips, cones.normal), pressed)
+            self.found = self.balance.relaxed(self.found, slips, pressed)
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`. A step that is nearly solved is taken, also where pairs of edges could be further apart."""
@@ -209,12 +208,13 @@ class SolvedStep(StepProblem):
         """Whether the step passes: nothing too deep or through solids, and no energy from nowhere."""
         contacts, system, solids = self.contacts, self.system, self.contacts.solids
         with self.clock.part("C-S"):
-            self.balance.take(self.found)
-            self.balance.finish()
-            self.held = self.balance.held
-            r = self.residual
-            error = replace(r, off=r.law if self.within(1.0) else max(r.off, r.law))
-            contacts.found, solids.unsettled = replace(self.found, residual=error), r.changed
+            solids.trial = self.balance.next_states(self.found)
+            solids.linearized, solids.pressing, solids.sliding = self.solved
+            contacts.base = self.began
+            solids.record_forces(self.reaction, self.began[0])
+            r, solved = self.residual, self.within(1.0) and not self.pairs
+            contacts.found = replace(self.found, residual=replace(r, off=r.law if solved else max(r.off, r.law)))
+            solids.unsettled = 0 if solved else max(r.changed, 1)
             deep = solids.ends_deep()
             through = not deep and solids.went_through()
         if deep:
@@ -222,7 +222,6 @@ class SolvedStep(StepProblem):
         if through:
             return Outcome(CONTACT, f"{contacts.crossings} crossings", measures)
         with self.clock.part("EVAL"):
-            system.hold(self.held, -self.lacks)
             ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST, slack=self.enough)
         if ended is None:
             return Outcome(ENERGY, f"{len(self.solutions)} solves", measures)
