@@ -117,7 +117,7 @@ def _scene(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: f
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
     groups = {name: np.unique(made.faces[rows]) for name, rows in made.groups.items() if len(rows)}
-    notes = (_found(motion, made.x, scale), *motion.notes, *made.notes)
+    notes = (_found(motion, made.x, scale), *motion.notes, *_transformed(motion), *made.notes)
     motion = motion._replace(parts=[part._replace(x=part.x[:1].copy()) for part in motion.parts])  # long clips are large
     return Loaded(made.x, made.faces, groups, motion.fps, notes=notes, motion=motion), motion.unit, motion.up
 
@@ -132,6 +132,14 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"
     more = f"; other clips (clip=...): {_some(others)}" if others else ""
     return f"{parts}; {moves}; {height:.3g} m high, {size.max():.3g} m at most{more}"
+
+
+def _transformed(motion: Motion) -> list[str]:
+    """Sentences on transforms that change more than place and size."""
+    mirrored, sheared = ([part.name for part in motion.parts if getattr(part, how)] for how in ("mirrored", "sheared"))
+    return ([f"mirrored by its transform: {_some(mirrored)}; triangles are turned there, so that the outside stays "
+             "outside"] if mirrored else []) + ([f"sheared by its transform: {_some(sheared)}; positions are those of the "
+                                                 "file"] if sheared else [])
 
 
 def _some(names: Iterable[str]) -> str:

@@ -155,6 +155,22 @@ def test_nodes_instances_and_mirrors(tmp_path):
         assert np.allclose(np.sort(body.x[0][mine].round(6), axis=0), np.sort(x.round(6), axis=0), atol=1e-5)
         corner = body.x[0][body.faces[np.isin(body.faces, mine).all(axis=1)]]
         assert np.linalg.det(corner - corner[0, 0]).sum() > 0, name  # none is inside out
+    assert body.notes[1:] == (
+        "mirrored by its transform: 'B 2'; triangles are turned there, so that the outside stays outside",
+        "sheared by its transform: 'M'; positions are those of the file")
+
+
+@pytest.mark.parametrize("cap", [4, 2])
+def test_a_skin_on_mirrored_joints_keeps_its_outside(tmp_path, cap):
+    """Closed, and without the lid, where nothing but the transform says which side is outside."""
+    glb = skinned_post()
+    glb.document["nodes"][0]["scale"] = [2, -2, 2]
+    glb.document["meshes"][0]["primitives"][0]["indices"] = glb.add(FACES[: 16 + cap].reshape(-1, 1), "u2")
+    body = tc.load_solid(glb.write(tmp_path / "a.glb"), fps=FPS)
+    corner = body.x[0][body.faces]
+    assert np.linalg.det(corner - body.x[0].mean(axis=0)).sum() > 0
+    assert "mirrored by its transform: 'Post'; triangles are turned there, so that the outside stays outside" in body.notes
+    assert not any("inside out" in note for note in body.notes)
 
 
 def two_parts(tmp_path, **more):

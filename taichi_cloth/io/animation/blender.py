@@ -11,7 +11,7 @@ from ...errors import MeshError
 from .. import blender
 from ..polygon import cut
 from . import kept
-from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, finite
+from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, finite, shears
 
 SCRIPT = Path(__file__).with_name("blender_script.py")
 KINDS = {".fbx": "FBX", ".abc": "Alembic", ".blend": "a .blend"}
@@ -64,4 +64,5 @@ def _part(name: str, got: dict[str, np.ndarray]) -> Part:
     of = np.clip(got[f"material {name}"][face], 0, max(len(materials) - 1, 0))
     groups = {said: np.flatnonzero(of == k) for k, said in enumerate(materials) if said and (of == k).any()}
     still = (x == x[:1]).all()
-    return Part(name, x[:1] if still else x, corners[places], None if uv is None else uv[places].astype(np.float64), groups)
+    return Part(name, x[:1] if still else x, corners[places], None if uv is None else uv[places].astype(np.float64), groups,
+                bool(got[f"mirrored {name}"]), shears(got[f"world {name}"][None]))

@@ -161,7 +161,7 @@ def first_of(name, mesh, item, loops, world):
     got = {f"corners {name}": loops, f"counts {name}": np.diff([*start, len(loops)]), f"material {name}": material,
            f"materials {name}": np.array([m.name if m else "" for m in item.data.materials], dtype=str),
            f"own {name}": np.array(len(getattr(item.original.data, "vertices", ()))),
-           f"mirrored {name}": np.array(np.linalg.det(world[:3, :3]) < 0)}
+           f"world {name}": world[:3, :3].copy(), f"mirrored {name}": np.array(np.linalg.det(world[:3, :3]) < 0)}
     if mesh.uv_layers:
         uv = np.empty(2 * len(loops), dtype=np.float32)
         mesh.uv_layers[0].uv.foreach_get("vector", uv)

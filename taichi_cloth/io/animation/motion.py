@@ -11,6 +11,7 @@ from ... import checks
 from ...errors import MeshError, did_you_mean, shown
 from .. import npz
 
+SHEARED = 1e-3  # cosine between axes of a transform above which it is said to shear
 FPS = 24.0  # frames a second, as in films: the least at which a clip is sampled that names no rate
 
 
@@ -22,6 +23,7 @@ class Part(NamedTuple):
         faces: (m, 3) rows of x.
         corner_uv: (m, 3, 2) texture coordinates, v up, or None.
         groups: rows of `faces` by the names of materials and subsets.
+        mirrored, sheared: whether its transform does that to it; of a mirrored part the triangles are turned.
     """
 
     name: str
@@ -29,6 +31,8 @@ class Part(NamedTuple):
     faces: np.ndarray
     corner_uv: np.ndarray | None
     groups: dict[str, np.ndarray]
+    mirrored: bool = False
+    sheared: bool = False
 
 
 class Clip(NamedTuple):
@@ -189,3 +193,9 @@ def mirrors(part: str, turns: np.ndarray, t: np.ndarray) -> bool:
         raise MeshError(f"part {part!r}: its transform {how} at {t[min(bad[0], len(t) - 1)]:.4g} s: leave it out (only=), or "
                         "choose another clip")
     return bool(det[0] < 0)
+
+
+def shears(turns: np.ndarray) -> bool:
+    """Whether some of transforms (frames, 3, 3) has axes that are not at right angles to each other."""
+    axes = turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), np.finfo(float).tiny)
+    return bool((np.abs(np.tril(axes.transpose(0, 2, 1) @ axes, -1)) > SHEARED).any())

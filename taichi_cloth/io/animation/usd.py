@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import MeshError
 from ..polygon import cut
-from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite, mirrors, times
+from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite, mirrors, shears, times
 from .usd_mesh import Mesh, meshes_of
 
 PLAIN = ("Sphere", "Cube", "Cylinder", "Capsule", "Cone", "Plane", "NurbsPatch", "BasisCurves", "NurbsCurves", "Points")
@@ -114,6 +114,7 @@ def _part(name: str, mesh: Mesh, t: np.ndarray, codes: np.ndarray, UsdGeom: Any,
         raise MeshError(f"part {name!r}: {error}") from None
     kept = ~np.isin(face, mesh.holes())
     places, face = places[kept], face[kept]
-    if mesh.left_handed() != mirrors(name, turns, t):
+    mirrored = mirrors(name, turns, t)
+    if mesh.left_handed() != mirrored:
         places = places[:, [0, 2, 1]]
-    return Part(name, x, corners[places], mesh.texture(corners, places), mesh.groups(face))
+    return Part(name, x, corners[places], mesh.texture(corners, places), mesh.groups(face), mirrored, shears(turns))
