@@ -11,7 +11,8 @@ from ...errors import MeshError
 from . import gltf_nodes
 from .gltf_file import COMPRESSED, File, item
 from .gltf_nodes import Nodes
-from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, shears, times
+from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, refuse_restless, shears, times
+from .rest import Placing, lead
 from .skin import skinned, weighed
 
 POINTS, STRIP, FAN = 3, 5, 6  # modes up to POINTS are points and lines, 4 is triangles
@@ -40,7 +41,12 @@ def read(path: Path, wanted: Wanted) -> Motion:
     vertices = sum(_vertices(file, nodes.all[k].mesh, name) for name, k in zip(parts, meshes))
     if clip.span[1] > clip.span[0]:
         fps = wanted.fps or clip.fps
-        nodes.pose(clip.channels, times(*clip.span, fps, vertices))
+        t = times(*clip.span, fps, vertices)
+        way = lead(wanted.rest, fps) if wanted.rest is not None else np.zeros(0)
+        if len(way):
+            nodes.rest_of([(skin.joints, _bind(file, skin, f"skin {k}")) for k, skin in enumerate(document.skins or ())])
+        nodes.pose(clip.channels, np.append(np.full(len(way), t[0]), t), np.append(way, np.ones(len(t))))
+    refuse_restless(wanted, bool(nodes.rest))
     made: list[Part] = []
     for name, k in ((name, k) for name, k, taken in zip(parts, meshes, take) if taken):
         made += _parts(file, nodes, k, name, notes)
@@ -78,6 +84,16 @@ def _parts(file: File, nodes: Nodes, index: int, name: str, notes: list[str]) ->
     return out
 
 
+def _bind(file: File, skin: Any, what: str) -> np.ndarray:
+    """(joints, 4, 4) inverse bind matrices of a skin, of columns."""
+    if skin.inverseBindMatrices is None:
+        return np.tile(np.eye(4), (len(skin.joints), 1, 1))
+    bind = file.numbers(skin.inverseBindMatrices, what, 16).reshape(-1, 4, 4).transpose(0, 2, 1)
+    if len(bind) < len(skin.joints):
+        raise MeshError(f"{what}: has {len(skin.joints)} joints and {len(bind)} inverse bind matrices")
+    return bind[: len(skin.joints)]
+
+
 def _instances(file: File, node: Any, name: str) -> np.ndarray:
     """(k, 4, 4) places of a node's mesh in the node, of columns."""
     said = (node.extensions or {}).get(INSTANCES)
@@ -87,7 +103,7 @@ def _instances(file: File, node: Any, name: str) -> np.ndarray:
     columns = [file.numbers(given[key], f"part {name!r}: {key} of its instances", len(usual)) if key in given
                else np.array([usual], dtype=np.float64)
                for key, usual in (("TRANSLATION", (0, 0, 0)), ("ROTATION", (0, 0, 0, 1)), ("SCALE", (1, 1, 1)))]
-    return gltf_nodes.placed(*columns)
+    return Placing(*columns).matrix()
 
 
 class _Rest:
@@ -140,11 +156,7 @@ class _Rest:
         said = item(self.file.document.skins, skin, f"part {self.name!r}: skin")
         for joint in said.joints:
             item(nodes.all, joint, f"part {self.name!r}: joint")
-        what = f"part {self.name!r}: its skin"
-        bind = (np.tile(np.eye(4), (len(said.joints), 1, 1)) if said.inverseBindMatrices is None else
-                self.file.numbers(said.inverseBindMatrices, what, 16).reshape(-1, 4, 4).transpose(0, 2, 1))
-        if len(bind) < len(said.joints):
-            raise MeshError(f"{what}: has {len(said.joints)} joints and {len(bind)} inverse bind matrices")
+        bind = _bind(self.file, said, f"part {self.name!r}: its skin")
         sets = range(1 + max((int(key[7:]) for p in self.primitives for key in vars(p.attributes)
                               if key.startswith("JOINTS_") and vars(p.attributes)[key] is not None), default=-1))
         columns = [(self._stacked(f"JOINTS_{k}", 4, False), self._stacked(f"WEIGHTS_{k}", 4)) for k in sets]
@@ -156,7 +168,7 @@ class _Rest:
         worlds = [nodes.world(joint) for joint in said.joints]
         frames = max(len(w) for w in worlds)
         at = np.stack([np.broadcast_to(w, (frames, 4, 4)) for w in worlds], axis=1)
-        at = at @ bind[: len(said.joints)]
+        at = at @ bind
         return skinned(x, joints, weights, at), at
 
     def _stacked(self, key: str, width: int, floats: bool = True) -> np.ndarray | None:

@@ -77,15 +77,17 @@ class Wanted(NamedTuple):
         fps: frames a second at which it is sampled, the file's own if None.
         only: names of the parts that are read; all if None.
         moves: whether the animation is read at all.
+        rest: seconds in which it goes from its rest pose to the first frame; None begins with that.
     """
 
     clip: tuple[str | int, ...] | None = None
     fps: float | None = None
     only: tuple[str, ...] | None = None
     moves: bool = True
+    rest: float | None = None
 
 
-def wanted(clip: object, fps: object, only: object) -> Wanted:
+def wanted(clip: object, fps: object, only: object, rest: object = None) -> Wanted:
     """The choices, checked."""
     if clip is not None:
         several = tuple(clip) if isinstance(clip, (list, tuple)) else (clip,)
@@ -98,7 +100,18 @@ def wanted(clip: object, fps: object, only: object) -> Wanted:
         if not names:
             raise MeshError(f"only = {shown(only)}: must be the name of a part, or a list of names")
         only = tuple(checks.name("only", name, MeshError) for name in names)
-    return Wanted(clip, fps, only)  # type: ignore[arg-type]
+    rest = checks.maybe(rest, checks.number, "rest", "s", positive=True)
+    return Wanted(clip, fps, only, rest=rest)  # type: ignore[arg-type]
+
+
+def refuse_restless(wanted: Wanted, found: bool) -> None:
+    """Refuses a rest pose of a file in which none was found.
+
+    Raises:
+        MeshError: it has no skeleton below its topmost joints, or no animation.
+    """
+    if wanted.rest is not None and not found:
+        raise MeshError(f"rest = {wanted.rest:g}: it has no skeleton that an animation moves away from a rest pose")
 
 
 def chosen_clips(clip: tuple[str | int, ...] | None, names: Sequence[str]) -> tuple[int, ...] | None:
