@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: {note}", file=sys.stderr)
     body = Scene()
     with waiting(f"loading {args.body}"):
-        solid, read = loaded(args.body, args.scale, None, args.up, None, wanted(args.clip, None, args.only, LEAD if args.rest else None),
-                             True, None)
+        choice = wanted(args.clip, None, args.only, LEAD if args.rest else None)
+        solid, read = loaded(args.body, args.scale, None, args.up, None, choice, True, None)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
     if args.fit:
         parts = [part.name for part in read.motion.parts] if read.motion else []

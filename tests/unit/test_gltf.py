@@ -112,7 +112,7 @@ def test_a_clip_begins_in_the_rest_pose(tmp_path):
 
 
 def test_the_rest_pose_faces_as_the_first_frame(tmp_path):
-    """The rig's second joint turns the body about the vertical in the clip: it is turned so at rest too, over the same place."""
+    """The second joint turns the body about the vertical in the clip: it is turned so at rest too, over the same place."""
     glb = skinned_post()
     glb.document["nodes"][0] = {"name": "Rig", "children": [1, 2]}
     glb.document["animations"] = []
@@ -232,6 +232,7 @@ def test_the_command_that_dresses_reads_the_parts_that_it_is_told(tmp_path, caps
                "--fit", "--only"]
     for part, said in (("amr", "only: no part 'amr'; did you mean 'arm'"), ("arm", "the body has no legs")):
         assert main([*command, part]) == 2 and said in capsys.readouterr().err
+    assert main([*command, "leg", "--rest"]) == 2 and "rest = 1: it has no skeleton" in capsys.readouterr().err
 
 
 def test_parts_are_joined_or_stay_apart(tmp_path):

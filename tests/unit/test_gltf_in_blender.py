@@ -55,13 +55,14 @@ def _away(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)
 def test_parts_on_joints_of_a_scaled_rig_are_where_blender_has_them(tmp_path):
-    """A rig in centimetres, as FBX2glTF writes it: a skinned post, and a box that hangs on its upper joint; keys are uneven."""
+    """A rig in centimetres, as FBX2glTF writes it: a skinned post, and a box on its upper joint; keys are uneven."""
     glb, fps = Glb(), 30
     t = np.array([0, 3, 4, 10, 21, 30]) / fps
     bind = np.tile(np.diag([0.01, 0.01, 0.01, 1]), (2, 1, 1))
     bind[1, 1, 3] = -0.01
     weights = np.column_stack([1 - UPPER, UPPER, 0 * UPPER, 0 * UPPER])
-    skin = {"POSITION": glb.add(POST), "JOINTS_0": glb.add(np.tile([0, 1, 0, 0], (12, 1)), "u1"), "WEIGHTS_0": glb.add(weights)}
+    skin = {"POSITION": glb.add(POST), "JOINTS_0": glb.add(np.tile([0, 1, 0, 0], (12, 1)), "u1"),
+            "WEIGHTS_0": glb.add(weights)}
     index = glb.add(FACES.reshape(-1, 1), "u2")
     glb.document |= {
         "meshes": [{"primitives": [{"attributes": skin, "indices": index}]},

@@ -1,7 +1,7 @@
 """Runs inside Blender: imports an FBX or Alembic file, or opens a .blend, and writes its meshes, frame by frame, as arrays.
 
-Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only`, `moves`
-and `rest`: seconds from the rest pose to the first frame, or null.
+Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only`,
+`moves` and `rest`: seconds from the rest pose to the first frame, or null.
 Nothing of the package is imported here: the Python that runs this is Blender's.
 """
 
@@ -84,7 +84,8 @@ def at(frame: float, way: float) -> None:
         for bone in rig.pose.bones:
             if bone.parent:
                 move, turn, size = bone.matrix_basis.decompose()
-                bone.matrix_basis = Matrix.LocRotScale(way * move, Quaternion().slerp(turn, way), way * size + (1 - way) * Vector((1, 1, 1)))
+                size = way * size + (1 - way) * Vector((1, 1, 1))
+                bone.matrix_basis = Matrix.LocRotScale(way * move, Quaternion().slerp(turn, way), size)
     bpy.context.view_layer.update()
 
 

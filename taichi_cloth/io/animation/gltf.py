@@ -11,7 +11,20 @@ from ...errors import MeshError
 from . import gltf_nodes
 from .gltf_file import COMPRESSED, File, item
 from .gltf_nodes import Nodes
-from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, refuse_restless, shears, times
+from .motion import (
+    Clip,
+    Motion,
+    Part,
+    Wanted,
+    chosen_clips,
+    chosen_parts,
+    distinct_names,
+    finite,
+    mirrors,
+    refuse_restless,
+    shears,
+    times,
+)
 from .rest import Placing, lead
 from .skin import skinned, weighed
 

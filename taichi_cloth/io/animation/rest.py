@@ -1,5 +1,8 @@
-"""From the rest pose of a skeleton to the first frame of a clip: each joint turns, moves and grows from where its parent has it
-at rest to where it has The topmost joints are where the first frame has them, but for what keeps the body over its place and its heading."""
+"""From the rest pose of a skeleton to the first frame of a clip.
+
+Each joint turns, moves and grows from where its parent has it at rest to where it has it in that frame. The topmost joints are
+where the frame has them, but for a turn about the vertical and a move along the ground that keep the body's heading and place.
+"""
 
 from __future__ import annotations
 
