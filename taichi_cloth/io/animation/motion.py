@@ -100,7 +100,7 @@ def wanted(clip: object, fps: object, only: object, rest: object = None) -> Want
         if not names:
             raise MeshError(f"only = {shown(only)}: must be the name of a part, or a list of names")
         only = tuple(checks.name("only", name, MeshError) for name in names)
-    rest = checks.maybe(rest, checks.number, "rest", "s", positive=True)
+    rest = checks.maybe(rest, checks.number, "rest", "s", positive=True, most=60.0)
     return Wanted(clip, fps, only, rest=rest)  # type: ignore[arg-type]
 
 
