@@ -66,9 +66,9 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
         only: names of the parts of a scene that are read; all if None.
         weld: distance [m] up to which vertices that stay together are made one; 0 for none. None makes
             one, in a scene, of those apart by a rounding, as at seams of its texture; in other files of none.
-        rest: seconds, 60 at most, in which a character's joints go from the rest pose of its skeleton, that of its bind matrices, to the
-            first frame of its clip, which begins then; arms are away from the trunk there, so that clothes go on. The
-            topmost joint is where the first frame has it.
+        rest: seconds, 60 at most, in which a character's joints go from the rest pose of its skeleton, that of its bind
+            matrices, to the first frame of its clip, which begins then; arms are away from the trunk there, so that clothes
+            go on. The topmost joint is where the first frame has it.
 
     Raises:
         MeshError: a missing or unreadable file, frames whose topology is not the first one's, or a choice that a file has not.
