@@ -27,7 +27,7 @@ def figure(scene: tc.Scene, friction: float) -> float:
 
 
 def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 1.1, itself: bool = False,
-          scale: float = 1.0, clip: str = "") -> tc.Scene:
+          scale: float = 1.0, clip: str = "", rest: float = 0.0) -> tc.Scene:
     """A sheet that falls on the figure's head and shoulders while it moves.
 
     Args:
@@ -38,10 +38,11 @@ def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 
         itself: whether the sheet's folds meet each other too.
         scale: metres per unit of the file.
         clip: name of an animation in the file (empty: the first).
+        rest: s in which a character goes from its rest pose to the clip's first frame [s] (0: begins with that).
     """
     scene = tc.Scene(view=tc.View(ground=-0.02, camera=tc.Camera((1.19, 1.48, 1.83), (-0.05, 0.98, 0.02), 36)))
     if data:
-        body = tc.load_solid(data, scale, clip=clip or None)
+        body = tc.load_solid(data, scale, clip=clip or None, rest=rest or None)
         scene.add_solid(body, friction, THICKNESS, name="body")
         top = body.x[0][np.argmax(body.x[0][:, 1])]
     else:

@@ -78,7 +78,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.cylinder", {"radius": "1.0", "height": "2.0", "cells": "(5, 2)"}),
     ("", "tc.load", {"path": "OBJ", "scale": "2.0", "uv": '"flatten"', "up": '"z"', "groups": '"inside"', "only": "None"}),
     ("", "tc.load_solid", {"path": "OBJ", "scale": "2.0", "fps": "24.0", "mesh": "None", "up": '"z"', "start": "0.5",
-                           "clip": "None", "merge": "False", "only": "None", "weld": "1e-4"}),
+                           "clip": "None", "merge": "False", "only": "None", "weld": "1e-4", "rest": "None"}),
     ("", "tc.Stretch", {"k": "(100.0, 80.0)", "k_d": "0.1", "b": "1.0", "limit": "1.1", "curve": "None"}),
     ("", "tc.Shear", {"k": "100.0", "k_d": "0.1", "limit": "0.3"}),
     ("", "tc.Bend", {"D": "1e-4", "k_d": "1e-6", "rest": '"flat"', "model": '"hinge"', "friction": "1e-3", "yield_": "200.0",

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from .flags import number_of, vector_of
 
+LEAD = 1.0  # s of --rest, of which the first frame alone is used
+
 
 def add_parser(commands) -> None:
     """`dress` and its flags."""
@@ -19,6 +21,8 @@ def add_parser(commands) -> None:
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
     add("--up", choices=("y", "z"), help="axis of the body's file that points up (its own, or y)")
     add("--clip", metavar="NAME", help="of the body's file, by name or number (the first)")
+    add("--rest", action="store_true", help="in the rest pose of the body's skeleton, arms away from the trunk, with which "
+        "`tc.load_solid(..., rest=0.5)` begins, not in the clip's first frame")
     add("--only", action="append", metavar="PART", help="of a body's file with several parts (`look` lists them); may come "
         "again")
     add("--fit", action="store_true", help="makes a pattern that is drawn for the shipped figure as wide and as long as the "
@@ -66,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: {note}", file=sys.stderr)
     body = Scene()
     with waiting(f"loading {args.body}"):
-        solid, read = loaded(args.body, args.scale, None, args.up, None, wanted(args.clip, None, args.only),
-                             True, None)
+        choice = wanted(args.clip, None, args.only, LEAD if args.rest else None)
+        solid, read = loaded(args.body, args.scale, None, args.up, None, choice, True, None)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
     if args.fit:
         parts = [part.name for part in read.motion.parts] if read.motion else []

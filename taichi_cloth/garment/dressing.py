@@ -247,7 +247,8 @@ def _folded(solids: list[Solid]) -> str:
         return ""
     low, high = (", ".join(f"{v:.2g}" for v in end(axis=0)) for end in (at.min, at.max))
     return (f" The body passes through itself between ({low}) and ({high}) m, and cloth has no place there: take a pose in "
-            "which these parts are apart, such as arms away from the trunk, or a garment that stays clear of them")
+            "which these parts are apart, such as a character's rest pose, by --rest or load_solid's rest=, or a garment "
+            "that stays clear of them")
 
 
 def _still(solid: Solid) -> Solid:

@@ -42,7 +42,8 @@ class Loaded(NamedTuple):
 
 def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, mesh: str | Path | None = None,
                up: str | None = None, start: float | None = None, *, clip: str | int | Sequence[str | int] | None = None,
-               merge: bool = True, only: str | Sequence[str] | None = None, weld: float | None = None) -> SolidMesh:
+               merge: bool = True, only: str | Sequence[str] | None = None, weld: float | None = None,
+               rest: float | None = None) -> SolidMesh:
     """A solid from a file or a sequence.
 
     Args:
@@ -65,12 +66,15 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
         only: names of the parts of a scene that are read; all if None.
         weld: distance [m] up to which vertices that stay together are made one; 0 for none. None makes
             one, in a scene, of those apart by a rounding, as at seams of its texture; in other files of none.
+        rest: seconds, 60 at most, in which a character's joints go from the rest pose of its skeleton, that of its bind
+            matrices, to the first frame of its clip, which begins then; arms are away from the trunk there, so that clothes
+            go on. The topmost joint is where the first frame has it.
 
     Raises:
         MeshError: a missing or unreadable file, frames whose topology is not the first one's, or a choice that a file has not.
         SceneError: numbers that make no solid.
     """
-    choice = wanted(clip, fps, only)
+    choice = wanted(clip, fps, only, rest)
     return loaded(path, scale, mesh, up, start, choice, checks.flag("merge", merge), weld)[0]
 
 
@@ -86,10 +90,10 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
         read, unit, own_up = _scene(Path(path), choice, merge, weld, scale)
         fps = read.fps
     else:
-        for name, given in (("clip", choice.clip), ("only", choice.only)):
+        for name, given, none in (("clip", choice.clip, "animations to choose from"), ("only", choice.only, "parts to choose "
+                                  "from"), ("rest", choice.rest, "skeleton")):
             if given is not None:
-                raise MeshError(f"{path}: {name}: has no {'animations' if name == 'clip' else 'parts'} to choose from; files "
-                                f"that have: {', '.join(READERS)}")
+                raise MeshError(f"{path}: {name}: has no {none}; files that have: {', '.join(READERS)}")
         read, unit, own_up = _welded(_read(path, None if mesh is None else Path(mesh)), weld, scale), 1.0, "y"
         fps = read.fps if choice.fps is None else choice.fps
     if fps is not None and not (math.isfinite(fps) and fps > 0):
@@ -117,7 +121,7 @@ def _scene(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: f
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
     groups = {name: np.unique(made.faces[rows]) for name, rows in made.groups.items() if len(rows)}
-    notes = (_found(motion, made.x, scale), *motion.notes, *made.notes)
+    notes = (_found(motion, made.x, scale), *motion.notes, *_transformed(motion), *made.notes)
     motion = motion._replace(parts=[part._replace(x=part.x[:1].copy()) for part in motion.parts])  # long clips are large
     return Loaded(made.x, made.faces, groups, motion.fps, notes=notes, motion=motion), motion.unit, motion.up
 
@@ -132,6 +136,14 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"
     more = f"; other clips (clip=...): {_some(others)}" if others else ""
     return f"{parts}; {moves}; {height:.3g} m high, {size.max():.3g} m at most{more}"
+
+
+def _transformed(motion: Motion) -> list[str]:
+    """Sentences on transforms that change more than place and size."""
+    mirrored, sheared = ([part.name for part in motion.parts if getattr(part, how)] for how in ("mirrored", "sheared"))
+    return ([f"mirrored by its transform: {_some(mirrored)}; triangles are turned there, so that the outside stays "
+             "outside"] if mirrored else []) + ([f"sheared by its transform: {_some(sheared)}; positions are those of the "
+                                                 "file"] if sheared else [])
 
 
 def _some(names: Iterable[str]) -> str:

@@ -73,6 +73,7 @@ bpy.ops.wm.usd_export(filepath=out + "/a.usdc", export_animation=True, export_ar
 bpy.ops.wm.alembic_export(filepath=out + "/a.abc", as_background_job=False)
 bpy.ops.export_scene.fbx(filepath=out + "/a.fbx", bake_anim_use_all_actions=False, bake_anim_use_nla_strips=False)
 bpy.ops.export_scene.fbx(filepath=out + "/usual.fbx")
+bpy.ops.wm.save_as_mainfile(filepath=out + "/a.blend")
 got = {}
 for frame in range(1, 31):
     scene.frame_set(frame)
@@ -123,6 +124,16 @@ def test_every_format_is_where_blender_has_it(figure, own_cache, suffix):
         assert len(files) == 1
         again = tc.load_solid(figure / f"a{suffix}", fps=24)
         assert (again.x == body.x).all() and list(own_cache.glob("*.npz")) == files
+
+
+@pytest.mark.parametrize("suffix", [pytest.param(s, marks=with_blender) for s in (".usdc", ".fbx", ".blend")])
+def test_every_format_has_the_same_rest_pose(figure, own_cache, suffix):
+    for package in ("pygltflib", "pxr"):
+        pytest.importorskip(package)
+    gltf, other = (tc.load_solid(figure / f"a{s}", fps=24, rest=0.4) for s in (".glb", suffix))
+    assert len(gltf.x) == len(other.x) == 40  # the rig takes ten frames before the clip's thirty
+    for k in (0, 4, 9, 10, 25):
+        assert farthest(gltf.x[k], other.x[k]) < 1e-5
 
 
 @pytest.mark.slow

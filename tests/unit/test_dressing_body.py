@@ -37,7 +37,7 @@ def test_a_dress_that_gives_up_is_told_where_the_body_passes_through_itself(apar
                           scene=SimpleNamespace(solids=[dressing._still(body(apart))]))
     with pytest.raises(tc.SimulationError, match="^gave up.") as told:
         dressing._advance(sim, None, "sewing")
-    assert ("arms away from the trunk" in str(told.value)) is folded
+    assert ("a character's rest pose, by --rest" in str(told.value)) is folded
     assert told.value.reason == "CONTACT" and told.value.time == 0.7
     if folded:  # the circle in which the balls meet has a radius of sqrt(.1^2 - .055^2) = .083 m
         low, high = (np.array(part.split(")")[0].split(", "), dtype=float) for part in str(told.value).split("(")[1:])

@@ -95,6 +95,48 @@ def test_every_kind_of_number(tmp_path, joints, weights, indices, spread):
     assert body.notes[1:] == ()  # a byte's rounding is no fault of the weights
 
 
+def test_a_clip_begins_in_the_rest_pose(tmp_path):
+    """The upper joint turns by .8 to 1.5 in its clip, and not at all at rest; the lower one is where the clip has it."""
+    glb = skinned_post()
+    glb.document["animations"] = []
+    glb.clip("Bend", translation_2=([0, 1], [[0.3, 0, 0], [0.4, 0, 0]], "LINEAR"),
+             rotation_3=([0, 1], [about_z(0.8), about_z(1.5)], "LINEAR"))
+    glb.write(tmp_path / "a.glb")
+    plain, body = (tc.load_solid(tmp_path / "a.glb", fps=10, rest=rest) for rest in (None, 0.5))
+    assert len(body.x) == 16 and body.fps == 10 and (body.x[5:] == plain.x).all()
+    for k in range(6):
+        s = k / 5
+        upper = (POST - [0, 1, 0]) @ turn_z(0.8 * s * s * (3 - 2 * s)).T + [0, 1, 0]
+        there = (1 - UPPER[:, None]) * POST + UPPER[:, None] * upper + [0.3, 0, 0]
+        assert np.abs(body.x[k] - 2 * there @ turn_z(np.pi / 2).T - [0, 0, 3]).max() < 1e-5
+
+
+def test_the_rest_pose_faces_as_the_first_frame(tmp_path):
+    """The second joint turns the body about the vertical in the clip: it is turned so at rest too, over the same place."""
+    glb = skinned_post()
+    glb.document["nodes"][0] = {"name": "Rig", "children": [1, 2]}
+    glb.document["animations"] = []
+    half = float(np.sin(0.6)), float(np.cos(0.6))
+    glb.clip("Turn", translation_2=([0, 1], [[0.3, 0, 0.2]] * 2, "LINEAR"),
+             rotation_3=([0, 1], [[0, half[0], 0, half[1]]] * 2, "LINEAR"), weights_1=([0, 1], [0, 0], "LINEAR"))
+    body = tc.load_solid(glb.write(tmp_path / "a.glb"), fps=10, rest=0.5)
+    top = POST[:, 1] > 1.5
+    for x in body.x[:5]:
+        assert np.abs(x[top] - body.x[5][top]).max() < 1e-5
+
+
+def test_a_body_without_a_rest_pose_says_so(tmp_path):
+    glb = Glb(nodes=[{"mesh": 0}])
+    glb.document["meshes"] = [{"primitives": [box(glb)]}]
+    glb.clip("c", translation_0=([0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR"))
+    glb.write(tmp_path / "a.glb")
+    with pytest.raises(tc.MeshError, match="rest = 0.5: it has no skeleton that an animation moves away from a rest pose"):
+        tc.load_solid(tmp_path / "a.glb", rest=0.5)
+    np.savez(tmp_path / "a.npz", positions=POST, faces=FACES)
+    with pytest.raises(tc.MeshError, match="rest: has no skeleton; files that have: "):
+        tc.load_solid(tmp_path / "a.npz", rest=0.5)
+
+
 def box(glb: Glb, **more) -> dict:
     """A primitive with the post."""
     return {"attributes": {"POSITION": glb.add(POST)}, "indices": glb.add(FACES.reshape(-1, 1), "u2"), **more}
@@ -155,6 +197,22 @@ def test_nodes_instances_and_mirrors(tmp_path):
         assert np.allclose(np.sort(body.x[0][mine].round(6), axis=0), np.sort(x.round(6), axis=0), atol=1e-5)
         corner = body.x[0][body.faces[np.isin(body.faces, mine).all(axis=1)]]
         assert np.linalg.det(corner - corner[0, 0]).sum() > 0, name  # none is inside out
+    assert body.notes[1:] == (
+        "mirrored by its transform: 'B 2'; triangles are turned there, so that the outside stays outside",
+        "sheared by its transform: 'M'; positions are those of the file")
+
+
+@pytest.mark.parametrize("cap", [4, 2])
+def test_a_skin_on_mirrored_joints_keeps_its_outside(tmp_path, cap):
+    """Closed, and without the lid, where nothing but the transform says which side is outside."""
+    glb = skinned_post()
+    glb.document["nodes"][0]["scale"] = [2, -2, 2]
+    glb.document["meshes"][0]["primitives"][0]["indices"] = glb.add(FACES[: 16 + cap].reshape(-1, 1), "u2")
+    body = tc.load_solid(glb.write(tmp_path / "a.glb"), fps=FPS)
+    corner = body.x[0][body.faces]
+    assert np.linalg.det(corner - body.x[0].mean(axis=0)).sum() > 0
+    assert "mirrored by its transform: 'Post'; triangles are turned there, so that the outside stays outside" in body.notes
+    assert not any("inside out" in note for note in body.notes)
 
 
 def two_parts(tmp_path, **more):
@@ -174,6 +232,7 @@ def test_the_command_that_dresses_reads_the_parts_that_it_is_told(tmp_path, caps
                "--fit", "--only"]
     for part, said in (("amr", "only: no part 'amr'; did you mean 'arm'"), ("arm", "the body has no legs")):
         assert main([*command, part]) == 2 and said in capsys.readouterr().err
+    assert main([*command, "leg", "--rest"]) == 2 and "rest = 1: it has no skeleton" in capsys.readouterr().err
 
 
 def test_parts_are_joined_or_stay_apart(tmp_path):

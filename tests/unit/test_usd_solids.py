@@ -132,6 +132,8 @@ def test_units_axes_transforms_and_mirrors(tmp_path):
             assert np.abs(body.x[k][mine] - upright - [0, 0.1 * k, 0]).max() < 1e-5
         corner = body.x[0][body.faces[np.isin(body.faces, mine).all(axis=1)]]
         assert np.linalg.det(corner - corner[0, 0]).sum() > 0, name
+    assert [note for note in body.notes if "transform" in note] == [
+        "mirrored by its transform: 'Other/A'; triangles are turned there, so that the outside stays outside"]
     assert np.allclose(tc.load_solid(tmp_path / "a.usda", scale=10, up="y").x[0][:, 1].max(), 20)
     assert np.allclose(tc.load_solid(tmp_path / "a.usda", only="Left").x[0].mean(axis=0), [6, 0, -1])
 

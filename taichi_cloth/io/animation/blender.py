@@ -11,9 +11,11 @@ from ...errors import MeshError
 from .. import blender
 from ..polygon import cut
 from . import kept
-from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, finite
+from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, finite, refuse_restless, shears
+from .rest import kept_heading
 
 SCRIPT = Path(__file__).with_name("blender_script.py")
+UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # from Blender's z up to y up
 KINDS = {".fbx": "FBX", ".abc": "Alembic", ".blend": "a .blend"}
 
 
@@ -34,6 +36,7 @@ def read(path: Path, wanted: Wanted) -> Motion:
     chosen_clips(wanted.clip, clips)
     take = chosen_parts(wanted.only, names, "Blender finds none in it")
     chosen = [name for name, taken in zip(names, take) if taken]
+    refuse_restless(wanted, len(got["way"]) > 0)
     parts = [_part(name, got) for name in chosen if len(got[f"counts {name}"])]
     if not parts:
         raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
@@ -55,6 +58,10 @@ def _evaluated(path: Path, choices: str) -> dict[str, np.ndarray]:
 
 def _part(name: str, got: dict[str, np.ndarray]) -> Part:
     x = finite(name, got[f"x {name}"].astype(np.float64))
+    lead = len(got["way"])
+    if lead and len(x) > 1 and (x[:lead] != x[lead]).any():
+        turn = UPRIGHT @ kept_heading(got["bones"], 2)[:-1] @ UPRIGHT.T
+        x[:lead] = x[:lead] @ turn[:, :3, :3].transpose(0, 2, 1) + turn[:, None, :3, 3]
     counts, corners = got[f"counts {name}"].astype(np.int64), got[f"corners {name}"].astype(np.int64)
     places, face = cut(x[0], corners, counts)
     if got[f"mirrored {name}"]:
@@ -64,4 +71,5 @@ def _part(name: str, got: dict[str, np.ndarray]) -> Part:
     of = np.clip(got[f"material {name}"][face], 0, max(len(materials) - 1, 0))
     groups = {said: np.flatnonzero(of == k) for k, said in enumerate(materials) if said and (of == k).any()}
     still = (x == x[:1]).all()
-    return Part(name, x[:1] if still else x, corners[places], None if uv is None else uv[places].astype(np.float64), groups)
+    return Part(name, x[:1] if still else x, corners[places], None if uv is None else uv[places].astype(np.float64), groups,
+                bool(got[f"mirrored {name}"]), shears(got[f"world {name}"][None]))

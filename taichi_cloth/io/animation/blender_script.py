@@ -1,7 +1,7 @@
 """Runs inside Blender: imports an FBX or Alembic file, or opens a .blend, and writes its meshes, frame by frame, as arrays.
 
-Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only` and
-`moves`.
+Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only`,
+`moves` and `rest`: seconds from the rest pose to the first frame, or null.
 Nothing of the package is imported here: the Python that runs this is Blender's.
 """
 
@@ -10,6 +10,7 @@ import sys
 
 import bpy
 import numpy as np
+from mathutils import Matrix, Quaternion, Vector
 
 
 def main(path: str, out: str, choices: str) -> None:
@@ -49,9 +50,53 @@ def main(path: str, out: str, choices: str) -> None:
     count = int(np.ceil((last - first) / native * fps * (1 - 1e-6))) + 1 if moves else 1
     names = sorted(name for name, _, _ in shown(first))
     got["names"] = np.array(names, dtype=str)
+    way = lead(wanted["rest"], fps) if moves and wanted["rest"] is not None and any(
+        bone.parent for rig in rigs() for bone in rig.pose.bones) else []
+    held = sorted({rig.name for rig in rigs() for bone in rig.pose.bones if bone.constraints})
+    if way and held:
+        return save(out, {"refused": np.array(f"rest: bones of {held[0]!r} have constraints: bake its action first")})
     if all(name in names for name in wanted["only"] or ()):
-        got |= meshes([k / fps * native + first for k in range(count)], wanted["only"])
+        got |= meshes([(first, u) for u in way] + [(k / fps * native + first, 1.0) for k in range(count)], wanted["only"])
+    got["way"] = np.array(way)
+    if way:
+        got["bones"] = bones(first, [*way, 1.0])
     return save(out, got)
+
+
+def rigs():
+    """The armatures of the scene."""
+    return [item for item in bpy.context.scene.objects if item.type == "ARMATURE"]
+
+
+def lead(seconds: float, fps: float) -> list:
+    """As `rest.lead` has it."""
+    count = max(1, int(np.ceil(seconds * fps * (1 - 1e-6))))
+    return [s * s * (3 - 2 * s) for s in (np.arange(count) / count).tolist()]
+
+
+def at(frame: float, way: float) -> None:
+    """The scene at a frame; bones below others are a part of the way there from their rest pose."""
+    scene = bpy.context.scene
+    scene.frame_set(int(np.floor(frame)), subframe=frame - np.floor(frame))
+    if way == 1:
+        return
+    for rig in rigs():
+        for bone in rig.pose.bones:
+            if bone.parent:
+                move, turn, size = bone.matrix_basis.decompose()
+                size = way * size + (1 - way) * Vector((1, 1, 1))
+                bone.matrix_basis = Matrix.LocRotScale(way * move, Quaternion().slerp(turn, way), size)
+    bpy.context.view_layer.update()
+
+
+def bones(first: float, way: list) -> np.ndarray:
+    """(frames, bones, 4, 4) world matrices on the way of the bones right below the topmost ones."""
+    out = []
+    for u in way:
+        at(first, u)
+        out.append([np.array(rig.matrix_world @ bone.matrix) for rig in rigs() for bone in rig.pose.bones
+                    if bone.parent and not bone.parent.parent])
+    return np.array(out)
 
 
 def play(clips, wanted) -> tuple[float, float]:
@@ -109,10 +154,9 @@ def together(clips: list[dict[str, dict]]) -> list[int]:
     return taken
 
 
-def shown(frame: float):
-    """(name, evaluated object, world matrix) of each mesh and instance at a frame."""
-    scene = bpy.context.scene
-    scene.frame_set(int(np.floor(frame)), subframe=frame - np.floor(frame))
+def shown(frame: float, way: float = 1.0):
+    """(name, evaluated object, world matrix) of each mesh and instance at a frame, or on the way to it."""
+    at(frame, way)
     seen: dict[str, int] = {}
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
         if instance.object.type == "MESH":
@@ -122,10 +166,10 @@ def shown(frame: float):
 
 
 def meshes(frames, only):
-    """Arrays of all meshes at frames."""
+    """Arrays of all meshes at frames, each with its part of the way."""
     got, xs, counts = {}, {}, {}
-    for frame in frames:
-        for name, item, world in shown(frame):
+    for frame, way in frames:
+        for name, item, world in shown(frame, way):
             if only is not None and name not in only:
                 continue
             mesh = item.to_mesh()
@@ -161,7 +205,7 @@ def first_of(name, mesh, item, loops, world):
     got = {f"corners {name}": loops, f"counts {name}": np.diff([*start, len(loops)]), f"material {name}": material,
            f"materials {name}": np.array([m.name if m else "" for m in item.data.materials], dtype=str),
            f"own {name}": np.array(len(getattr(item.original.data, "vertices", ()))),
-           f"mirrored {name}": np.array(np.linalg.det(world[:3, :3]) < 0)}
+           f"world {name}": world[:3, :3].copy(), f"mirrored {name}": np.array(np.linalg.det(world[:3, :3]) < 0)}
     if mesh.uv_layers:
         uv = np.empty(2 * len(loops), dtype=np.float32)
         mesh.uv_layers[0].uv.foreach_get("vector", uv)

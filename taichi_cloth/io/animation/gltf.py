@@ -11,7 +11,21 @@ from ...errors import MeshError
 from . import gltf_nodes
 from .gltf_file import COMPRESSED, File, item
 from .gltf_nodes import Nodes
-from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, times
+from .motion import (
+    Clip,
+    Motion,
+    Part,
+    Wanted,
+    chosen_clips,
+    chosen_parts,
+    distinct_names,
+    finite,
+    mirrors,
+    refuse_restless,
+    shears,
+    times,
+)
+from .rest import Placing, lead
 from .skin import skinned, weighed
 
 POINTS, STRIP, FAN = 3, 5, 6  # modes up to POINTS are points and lines, 4 is triangles
@@ -40,7 +54,12 @@ def read(path: Path, wanted: Wanted) -> Motion:
     vertices = sum(_vertices(file, nodes.all[k].mesh, name) for name, k in zip(parts, meshes))
     if clip.span[1] > clip.span[0]:
         fps = wanted.fps or clip.fps
-        nodes.pose(clip.channels, times(*clip.span, fps, vertices))
+        t = times(*clip.span, fps, vertices)
+        way = lead(wanted.rest, fps) if wanted.rest is not None else np.zeros(0)
+        if len(way):
+            nodes.rest_of([(skin.joints, _bind(file, skin, f"skin {k}")) for k, skin in enumerate(document.skins or ())])
+        nodes.pose(clip.channels, np.append(np.full(len(way), t[0]), t), np.append(way, np.ones(len(t))))
+    refuse_restless(wanted, bool(nodes.rest))
     made: list[Part] = []
     for name, k in ((name, k) for name, k, taken in zip(parts, meshes, take) if taken):
         made += _parts(file, nodes, k, name, notes)
@@ -65,15 +84,27 @@ def _parts(file: File, nodes: Nodes, index: int, name: str, notes: list[str]) ->
         return []
     x = rest.morphed(nodes)
     if node.skin is not None:
-        return [rest.part(name, finite(name, rest.skinned(nodes, x, node.skin, notes)), False)]
+        moved, at = rest.skinned(nodes, x, node.skin, notes)
+        return [rest.part(name, finite(name, moved), bool((np.linalg.det(at[0, :, :3, :3]) < 0).all()))]
     world = nodes.world(index)
     out = []
     for k, own in enumerate(_instances(file, node, name)):
         at = world @ own
         said = name if not k else f"{name} {k + 1}"
         flipped = mirrors(said, at[:, :3, :3], nodes.t)
-        out.append(rest.part(said, finite(said, x @ at[:, :3, :3].transpose(0, 2, 1) + at[:, None, :3, 3]), flipped))
+        moved = finite(said, x @ at[:, :3, :3].transpose(0, 2, 1) + at[:, None, :3, 3])
+        out.append(rest.part(said, moved, flipped, shears(at[:, :3, :3])))
     return out
+
+
+def _bind(file: File, skin: Any, what: str) -> np.ndarray:
+    """(joints, 4, 4) inverse bind matrices of a skin, of columns."""
+    if skin.inverseBindMatrices is None:
+        return np.tile(np.eye(4), (len(skin.joints), 1, 1))
+    bind = file.numbers(skin.inverseBindMatrices, what, 16).reshape(-1, 4, 4).transpose(0, 2, 1)
+    if len(bind) < len(skin.joints):
+        raise MeshError(f"{what}: has {len(skin.joints)} joints and {len(bind)} inverse bind matrices")
+    return bind[: len(skin.joints)]
 
 
 def _instances(file: File, node: Any, name: str) -> np.ndarray:
@@ -85,7 +116,7 @@ def _instances(file: File, node: Any, name: str) -> np.ndarray:
     columns = [file.numbers(given[key], f"part {name!r}: {key} of its instances", len(usual)) if key in given
                else np.array([usual], dtype=np.float64)
                for key, usual in (("TRANSLATION", (0, 0, 0)), ("ROTATION", (0, 0, 0, 1)), ("SCALE", (1, 1, 1)))]
-    return gltf_nodes.placed(*columns)
+    return Placing(*columns).matrix()
 
 
 class _Rest:
@@ -105,8 +136,8 @@ class _Rest:
         self.faces = np.concatenate([np.zeros((0, 3), dtype=np.int64), *(f + k for f, k in zip(faces, start))])
         self.rows = np.cumsum([0, *map(len, faces)])
 
-    def part(self, name: str, x: np.ndarray, flipped: bool) -> Part:
-        """The part at positions x (frames, n, 3)."""
+    def part(self, name: str, x: np.ndarray, flipped: bool, sheared: bool = False) -> Part:
+        """The part at positions x (frames, n, 3); flipped: whether it is mirrored there."""
         uv = self._stacked("TEXCOORD_0", 2)
         faces = self.faces[:, [0, 2, 1]] if flipped else self.faces
         corner_uv = None if uv is None else (uv * [1, -1] + [0, 1])[faces]  # v points down in the file
@@ -115,7 +146,8 @@ class _Rest:
         for k, p in enumerate(self.primitives):
             if p.material is not None and (said := item(materials, p.material, "material").name):
                 groups.setdefault(said, []).append(np.arange(self.rows[k], self.rows[k + 1]))
-        return Part(name, x, faces, corner_uv, {said: np.concatenate(rows) for said, rows in groups.items()})
+        return Part(name, x, faces, corner_uv, {said: np.concatenate(rows) for said, rows in groups.items()},
+                    flipped, sheared)
 
     def morphed(self, nodes: Nodes) -> np.ndarray:
         """(1 or frames, n, 3) positions with the morph targets' displacements."""
@@ -132,16 +164,12 @@ class _Rest:
             out += weights[:, k, None, None] * self._target(int(k))
         return out
 
-    def skinned(self, nodes: Nodes, x: np.ndarray, skin: int, notes: list[str]) -> np.ndarray:
-        """(frames, n, 3) positions as joints move them."""
+    def skinned(self, nodes: Nodes, x: np.ndarray, skin: int, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+        """(positions (frames, n, 3) as joints move them, transforms (1 or frames, joints, 4, 4) from rest)."""
         said = item(self.file.document.skins, skin, f"part {self.name!r}: skin")
         for joint in said.joints:
             item(nodes.all, joint, f"part {self.name!r}: joint")
-        what = f"part {self.name!r}: its skin"
-        bind = (np.tile(np.eye(4), (len(said.joints), 1, 1)) if said.inverseBindMatrices is None else
-                self.file.numbers(said.inverseBindMatrices, what, 16).reshape(-1, 4, 4).transpose(0, 2, 1))
-        if len(bind) < len(said.joints):
-            raise MeshError(f"{what}: has {len(said.joints)} joints and {len(bind)} inverse bind matrices")
+        bind = _bind(self.file, said, f"part {self.name!r}: its skin")
         sets = range(1 + max((int(key[7:]) for p in self.primitives for key in vars(p.attributes)
                               if key.startswith("JOINTS_") and vars(p.attributes)[key] is not None), default=-1))
         columns = [(self._stacked(f"JOINTS_{k}", 4, False), self._stacked(f"WEIGHTS_{k}", 4)) for k in sets]
@@ -153,7 +181,8 @@ class _Rest:
         worlds = [nodes.world(joint) for joint in said.joints]
         frames = max(len(w) for w in worlds)
         at = np.stack([np.broadcast_to(w, (frames, 4, 4)) for w in worlds], axis=1)
-        return skinned(x, joints, weights, at @ bind[: len(said.joints)])
+        at = at @ bind
+        return skinned(x, joints, weights, at), at
 
     def _stacked(self, key: str, width: int, floats: bool = True) -> np.ndarray | None:
         """(n, width) an attribute of all primitives; None if one has none."""

@@ -10,6 +10,7 @@ from ...errors import MeshError
 from . import keys
 from .gltf_file import File, item
 from .motion import FPS
+from .rest import Placing, kept_heading, taken_apart
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 Channels = dict[tuple[int, str], keys.Keys]  # by node and path
@@ -47,11 +48,40 @@ class Nodes:
         self.shown, self.notes = self._scene()
         self._worlds: dict[int, np.ndarray] = {}
         self.channels: Channels = {}
-        self.t = np.zeros(1)
+        self.t, self.way = np.zeros(1), np.ones(1)
+        self.rest: dict[int, Placing] = {}
+        self._topmost: list[int] = []
+        self._turned: dict[int, np.ndarray] = {}  # (frames, 4, 4) of topmost joints, on the way from rest
 
-    def pose(self, channels: Channels, t: np.ndarray) -> None:
-        """Places the nodes at times t (frames,) [s]."""
-        self.channels, self.t, self._worlds = channels, t, {}
+    def pose(self, channels: Channels, t: np.ndarray, way: np.ndarray) -> None:
+        """Places the nodes at times t (frames,) [s]; joints are the parts `way` (frames,) of the way there from rest."""
+        self.channels, self.t, self.way, self._worlds, self._turned = channels, t, way, {}, {}
+        if self.rest:
+            first, next_ = int(np.argmax(way == 1)) + 1, [j for j in self.rest if self.parent[j] in self._topmost]
+            x = np.stack([np.broadcast_to(self.world(j), (len(way), 4, 4))[:first] for j in next_ or self.rest], axis=1)
+            at = np.concatenate([kept_heading(x, 1), np.tile(np.eye(4), (len(way) - first, 1, 1))])
+            self._worlds, self._turned = {}, dict.fromkeys(self._topmost, at)
+
+    def rest_of(self, binds: list[tuple[list[int], np.ndarray]]) -> None:
+        """The rest pose of joints below others, by skins: joints and their inverse bind matrices (joints, 4, 4)."""
+        for joints, bind in binds:
+            row = {joint: k for k, joint in enumerate(joints)}
+            for joint, k in row.items():
+                above, between = self.parent[joint], np.eye(4)
+                while above >= 0 and above not in row:
+                    above, between = self.parent[above], self._local(above)[0] @ between
+                if above >= 0 and joint not in self.rest:
+                    at = np.linalg.inv(between) @ bind[row[above]] @ np.linalg.inv(bind[k])
+                    self.rest[joint] = taken_apart(at[None])
+        every = {joint for joints, _ in binds for joint in joints}
+        self._topmost = [joint for joint in every if not every & self._above(joint)]
+
+    def _above(self, index: int) -> set[int]:
+        """All nodes above a node."""
+        out: set[int] = set()
+        while (index := self.parent[index]) >= 0:
+            out.add(index)
+        return out
 
     def name(self, index: int) -> str:
         """A node's name, or its mesh's, or its number."""
@@ -67,7 +97,8 @@ class Nodes:
             index = self.parent[index]
         at = self._worlds[index] if index >= 0 else np.eye(4)[None]
         for k in reversed(chain):
-            at = self._worlds[k] = at @ self._local(k)
+            at = at @ self._local(k)
+            at = self._worlds[k] = self._turned[k] @ at if k in self._turned else at
         return at
 
     def weights(self, index: int, count: int) -> np.ndarray:
@@ -86,12 +117,16 @@ class Nodes:
     def _local(self, index: int) -> np.ndarray:
         """(1 or frames, 4, 4) from a node to its parent."""
         node, moved = self.all[index], [self.channels.get((index, path)) for path in PATHS]
+        there = None
         if node.matrix and not any(moved):
-            return _array(node.matrix, 16, self.name(index)).reshape(1, 4, 4).transpose(0, 2, 1)
+            at = _array(node.matrix, 16, self.name(index)).reshape(1, 4, 4).transpose(0, 2, 1)
+            if index not in self.rest:
+                return at
+            there = taken_apart(at)
         usual = (node.translation or (0, 0, 0), node.rotation or (0, 0, 0, 1), node.scale or (1, 1, 1))
-        move, turn, scale = (said.at(self.t) if said is not None else _array(rest, width, self.name(index))[None]
-                             for said, rest, width in zip(moved, usual, PATHS.values()))
-        return placed(move, turn, scale)
+        there = there or Placing(*(said.at(self.t) if said is not None else _array(rest, width, self.name(index))[None]
+                                   for said, rest, width in zip(moved, usual, PATHS.values())))
+        return (self.rest[index].on_the_way(there, self.way) if index in self.rest else there).matrix()
 
     def _scene(self) -> tuple[list[int], tuple[str, ...]]:
         """The scene that the document shows by default, or its first; all nodes if there is none."""
@@ -111,15 +146,6 @@ class Nodes:
             out.append(k)
             left += reversed(item(self.all, k, "node").children or [])
         return list(dict.fromkeys(out)), notes
-
-
-def placed(move: np.ndarray, turn: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(k, 4, 4) transforms of translations (k, 3), quaternions (k, 4) and scales (k, 3), each of which may be one for all."""
-    count = max(len(move), len(turn), len(scale))
-    out = np.zeros((count, 4, 4))
-    out[:, :3, :3] = keys.matrix(keys.unit(turn)) * scale[:, None, :]
-    out[:, :3, 3], out[:, 3, 3] = move, 1.0
-    return out
 
 
 def clip(file: File, index: int, nodes: Nodes) -> Clip:

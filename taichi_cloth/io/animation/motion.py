@@ -11,6 +11,7 @@ from ... import checks
 from ...errors import MeshError, did_you_mean, shown
 from .. import npz
 
+SHEARED = 1e-3  # cosine between axes of a transform above which it is said to shear
 FPS = 24.0  # frames a second, as in films: the least at which a clip is sampled that names no rate
 
 
@@ -22,6 +23,7 @@ class Part(NamedTuple):
         faces: (m, 3) rows of x.
         corner_uv: (m, 3, 2) texture coordinates, v up, or None.
         groups: rows of `faces` by the names of materials and subsets.
+        mirrored, sheared: whether its transform does that to it; of a mirrored part the triangles are turned.
     """
 
     name: str
@@ -29,6 +31,8 @@ class Part(NamedTuple):
     faces: np.ndarray
     corner_uv: np.ndarray | None
     groups: dict[str, np.ndarray]
+    mirrored: bool = False
+    sheared: bool = False
 
 
 class Clip(NamedTuple):
@@ -73,15 +77,17 @@ class Wanted(NamedTuple):
         fps: frames a second at which it is sampled, the file's own if None.
         only: names of the parts that are read; all if None.
         moves: whether the animation is read at all.
+        rest: seconds in which it goes from its rest pose to the first frame; None begins with that.
     """
 
     clip: tuple[str | int, ...] | None = None
     fps: float | None = None
     only: tuple[str, ...] | None = None
     moves: bool = True
+    rest: float | None = None
 
 
-def wanted(clip: object, fps: object, only: object) -> Wanted:
+def wanted(clip: object, fps: object, only: object, rest: object = None) -> Wanted:
     """The choices, checked."""
     if clip is not None:
         several = tuple(clip) if isinstance(clip, (list, tuple)) else (clip,)
@@ -94,7 +100,18 @@ def wanted(clip: object, fps: object, only: object) -> Wanted:
         if not names:
             raise MeshError(f"only = {shown(only)}: must be the name of a part, or a list of names")
         only = tuple(checks.name("only", name, MeshError) for name in names)
-    return Wanted(clip, fps, only)  # type: ignore[arg-type]
+    rest = checks.maybe(rest, checks.number, "rest", "s", positive=True, most=60.0)
+    return Wanted(clip, fps, only, rest=rest)  # type: ignore[arg-type]
+
+
+def refuse_restless(wanted: Wanted, found: bool) -> None:
+    """Refuses a rest pose of a file in which none was found.
+
+    Raises:
+        MeshError: it has no skeleton below its topmost joints, or no animation.
+    """
+    if wanted.rest is not None and not found:
+        raise MeshError(f"rest = {wanted.rest:g}: it has no skeleton that an animation moves away from a rest pose")
 
 
 def chosen_clips(clip: tuple[str | int, ...] | None, names: Sequence[str]) -> tuple[int, ...] | None:
@@ -189,3 +206,9 @@ def mirrors(part: str, turns: np.ndarray, t: np.ndarray) -> bool:
         raise MeshError(f"part {part!r}: its transform {how} at {t[min(bad[0], len(t) - 1)]:.4g} s: leave it out (only=), or "
                         "choose another clip")
     return bool(det[0] < 0)
+
+
+def shears(turns: np.ndarray) -> bool:
+    """Whether some of transforms (frames, 3, 3) has axes that are not at right angles to each other."""
+    axes = turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), np.finfo(float).tiny)
+    return bool((np.abs(np.tril(axes.transpose(0, 2, 1) @ axes, -1)) > SHEARED).any())

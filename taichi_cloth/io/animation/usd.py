@@ -9,7 +9,8 @@ import numpy as np
 
 from ...errors import MeshError
 from ..polygon import cut
-from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite, mirrors, times
+from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite, mirrors, refuse_restless, shears, times
+from .rest import lead
 from .usd_mesh import Mesh, meshes_of
 
 PLAIN = ("Sphere", "Cube", "Cylinder", "Capsule", "Cone", "Plane", "NurbsPatch", "BasisCurves", "NurbsCurves", "Points")
@@ -40,8 +41,15 @@ def read(path: Path, wanted: Wanted) -> Motion:
         own = stage.GetFramesPerSecond() if stage.HasAuthoredMetadata("framesPerSecond") else rate
         fps = wanted.fps or own
         t = times(codes[0] / rate, codes[1] / rate, fps, sum(mesh.count for _, mesh in chosen))
-    parts = [_part(name, mesh, t, t * rate, UsdGeom, notes) for name, mesh in chosen]
-    return Motion(parts, fps, unit, str(UsdGeom.GetStageUpAxis(stage)).lower(), (), (), tuple(notes))
+    up = str(UsdGeom.GetStageUpAxis(stage)).lower()
+    way = np.zeros(0) if wanted.rest is None or fps is None else lead(wanted.rest, fps)
+    t = np.append(np.full(len(way), t[0]), t)
+    for name, mesh in chosen:
+        mesh.prepare(name, notes)
+    rested = [mesh.begin_at_rest(t[0] * rate, way, "xyz".index(up)) for _, mesh in chosen] if len(way) else []
+    refuse_restless(wanted, any(rested))
+    parts = [_part(name, mesh, t, t * rate, UsdGeom) for name, mesh in chosen]
+    return Motion(parts, fps, unit, up, (), (), tuple(notes))
 
 
 def _opened(path: Path) -> tuple[Any, Any, list[str]]:
@@ -100,10 +108,9 @@ def _span(stage: Any, meshes: list[Mesh]) -> tuple[float, float] | None:
     return codes[0], codes[-1]
 
 
-def _part(name: str, mesh: Mesh, t: np.ndarray, codes: np.ndarray, UsdGeom: Any, notes: list[str]) -> Part:
+def _part(name: str, mesh: Mesh, t: np.ndarray, codes: np.ndarray, UsdGeom: Any) -> Part:
     """A mesh at times t [s], which are time codes of the stage."""
     counts, corners = mesh.topology(name, codes)
-    mesh.prepare(name, notes)
     x, turns = mesh.positions(name, codes)
     finite(name, x)
     if corners.min(initial=0) < 0 or corners.max(initial=-1) >= x.shape[1]:
@@ -114,6 +121,7 @@ def _part(name: str, mesh: Mesh, t: np.ndarray, codes: np.ndarray, UsdGeom: Any,
         raise MeshError(f"part {name!r}: {error}") from None
     kept = ~np.isin(face, mesh.holes())
     places, face = places[kept], face[kept]
-    if mesh.left_handed() != mirrors(name, turns, t):
+    mirrored = mirrors(name, turns, t)
+    if mesh.left_handed() != mirrored:
         places = places[:, [0, 2, 1]]
-    return Part(name, x, corners[places], mesh.texture(corners, places), mesh.groups(face))
+    return Part(name, x, corners[places], mesh.texture(corners, places), mesh.groups(face), mirrored, shears(turns))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import MeshError
+from .rest import kept_heading, taken_apart
 from .skin import skinned, weighed
 
 
@@ -35,6 +36,7 @@ class Mesh:
         self.path = str(prim.GetPath()) + (f"/{placed.number}" if placed else "")
         self.count = len(self.mesh.GetPointsAttr().Get(Usd.TimeCode.EarliestTime()) or ())
         self._skin: tuple[np.ndarray, np.ndarray] | None = None
+        self._lead = np.zeros((0, 0, 4, 4))
         self._xforms = UsdGeom.XformCache()
 
     @property
@@ -98,16 +100,45 @@ class Mesh:
         notes += [note] if note else []
         self._skin = joints, weights
 
+    def begin_at_rest(self, code: float, way: np.ndarray, up: int) -> bool:
+        """The first frames go from the pose in which its skin was bound to that at a time code, by the parts `way` (k,) of it;
+        returns whether it has such a pose.
+
+        Args:
+            up: number of the stage's axis that points up.
+        """
+        if self._skin is None:
+            return False
+        skeleton, _ = self.binding  # type: ignore[misc]
+        bind = np.array([_columns(m) for m in skeleton.GetJointWorldBindTransforms()])
+        now = np.array([_columns(m) for m in skeleton.ComputeJointLocalTransforms(self._time(code))])
+        above = [skeleton.GetTopology().GetParent(k) for k in range(len(bind))]
+        if len(now) != len(bind) or not any(k >= 0 for k in above):
+            return False
+        world, way = self._world(code), np.append(way, 1.0)
+        at = np.empty((len(way), len(bind), 4, 4))
+        for k, parent in enumerate(above):  # parents come first
+            there = taken_apart(now[k][None])
+            if parent < 0:
+                at[:, k] = there.matrix()
+                continue
+            rest = taken_apart((np.linalg.inv(bind[parent]) @ bind[k])[None])
+            at[:, k] = at[:, parent] @ rest.on_the_way(there, way).matrix()
+        next_ = [k for k, parent in enumerate(above) if parent >= 0 > above[parent]]
+        turn = kept_heading(world @ at[:, next_], up)
+        self._lead = (np.linalg.inv(world) @ turn @ world)[:-1, None] @ at[:-1] @ np.linalg.inv(bind)
+        return True
+
     def positions(self, name: str, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """((1 or frames, n, 3) positions in the world, (frames, 3, 3) turns of its transform) at time codes (frames,)."""
         out, turns = [], []
-        for code in codes.tolist():
+        for k, code in enumerate(codes.tolist()):
             x = np.array(self._points(name, code), dtype=np.float64).reshape(-1, 3)
             if len(x) != self.count:
                 raise MeshError(f"part {name!r}: has {len(x)} vertices at time code {code:g}, and {self.count} at first")
             at = self._world(code)
             if self._skin is not None:
-                x = self._skinned(x, code)
+                x = self._skinned(x, code, self._lead[k] if k < len(self._lead) else None)
             out.append(x @ at[:3, :3].T + at[:3, 3])
             turns.append(at[:3, :3])
         return np.stack(out), np.stack(turns)
@@ -161,19 +192,19 @@ class Mesh:
                                      shapes.ComputeSubShapePointOffsets(), points)
         return points
 
-    def _skinned(self, x: np.ndarray, code: float) -> np.ndarray:
-        """(n, 3) points in the skeleton's space."""
+    def _skinned(self, x: np.ndarray, code: float, lead: np.ndarray | None) -> np.ndarray:
+        """(n, 3) points in the skeleton's space, by its joints' transforms at a time code, or by given ones (joints, 4, 4)."""
         from pxr import Vt
 
         skeleton, query = self.binding  # type: ignore[misc]
         joints, weights = self._skin  # type: ignore[misc]
         transforms = skeleton.ComputeSkinningTransforms(self._time(code))
-        if query.GetSkinningMethod() == "dualQuaternion" and not query.IsRigidlyDeformed():
+        if lead is None and query.GetSkinningMethod() == "dualQuaternion" and not query.IsRigidlyDeformed():
             points = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(x, dtype=np.float32))
             query.ComputeSkinnedPoints(transforms, points, self._time(code))
             return np.array(points, dtype=np.float64)
         bind = _columns(query.GetGeomBindTransform(self._time(code)))
-        at = np.array([_columns(m) for m in transforms])[self._order()] @ bind
+        at = (np.array([_columns(m) for m in transforms]) if lead is None else lead)[self._order()] @ bind
         if len(joints) == 1:
             joints, weights = (np.broadcast_to(part, (len(x), part.shape[1])) for part in (joints, weights))
         return skinned(x[None], joints, weights, at[None])[0]
