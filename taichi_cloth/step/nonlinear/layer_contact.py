@@ -22,7 +22,7 @@ from ..ledger import Ledger
 from .energy import MOST, EnergyTest
 from .euler import EulerStep
 from .newton import Effort, Outcome, minimize
-from .solid_contact import SolidPolicy, predict
+from .solid_contact import SolidPolicy
 from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
@@ -49,7 +49,7 @@ class LayerStep(EulerStep):
         super().__init__(system, energy, None, h, pins, start, clock, solutions)
         self.contacts, self.layers = system.contacts, system.contacts.layers
         with clock.part("C-S"):
-            predict(system, h, pins, together=True)
+            system.predict(h, pins, together=True)
             system.start_over()
         self.agrees = False  # whether contacts with solids do
         self.rough = self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered

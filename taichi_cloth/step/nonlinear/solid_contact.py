@@ -26,26 +26,7 @@ ROUNDS = 13  # solves of (18), after which a step goes on with the last states o
 MORE = 2  # solves besides `newton_max` further ones that a step may take with `contact_tol`; with 0 and 4 `sphere_drape` takes
 # 562 and 596 for 512 in 1 s
 FINEST = 4  # times smaller than the usual step, one that is not solved is made without. With 1, 2, 4, 8 `bunny_drape` takes
-# 534, 811, 687, 731 solves, .085, .020, .014, .006 J unaccounted for; `sphere_drape` 532, 651, 584, 584, .16, .023, .007, .007 J
-
-
-def predict(system: System, c: float, pins, together: bool) -> None:
-    """The model goes where the last step's change of velocity would lead it, and contacts are looked for on the way.
-
-    Args:
-        together: whether layers of cloth are part of the problem.
-    """
-    contacts, base = system.contacts, system.base
-    x, v = system.model.read_saved()
-    system.operator.set_motion(c)
-    if base is not None:
-        system.solver.dv.fill(0)
-        system.add_guess(1.0)
-    elif not contacts.warm:
-        system.fall(c, *contacts.gravity)
-    system.place(c, 1.0)
-    system.settle(pins)
-    contacts.begin(c, pins, x, v, together, base)
+# 534, 811, 687, 731 solves, .085, .020, .014, .006 J unaccounted for; `sphere_drape` 532, 651, 584, 584, .16 to .007 J
 
 
 def forces_at_end(system: System, c: float, held: Held | None, over: float) -> tuple[Measures, np.ndarray, np.ndarray]:
@@ -80,7 +61,7 @@ class SolidStep(EulerStep):
         """(18) with contacts that agree with it. The tolerance of CG is halved in each solve."""
         contacts, tolerance = self.system.contacts, self.forcing.preliminary
         with self.clock.part("C-S"):
-            predict(self.system, self.c, self.held, together=False)
+            self.system.predict(self.c, self.held, together=False)
         while True:
             refused = self.solve_held(tolerance if tolerance > self.forcing.first else None)
             if refused is not None:

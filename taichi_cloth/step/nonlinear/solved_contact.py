@@ -33,7 +33,7 @@ from ...system.held import Held
 from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
 from .energy import MOST, EnergyTest
 from .newton import Changes, Effort, Outcome, StepProblem
-from .solid_contact import forces_at_end, predict
+from .solid_contact import forces_at_end
 from .system import System
 
 FIRST, OTHERS = 1e-2, 5e-2  # relative residuals of solves: of (18), and of those that go on from where it ended. With 1e-3
@@ -71,7 +71,7 @@ class SolvedStep(StepProblem):
         self.acting, self.relaxed = math.inf, False
         system.definite, system.stays_definite = False, True
         with clock.part("C-S"):
-            predict(system, h, held, together=False)
+            system.predict(h, held, together=False)
             self.balance = self.contacts.balance
 
     def solve(self, k: int) -> Outcome | None:

@@ -92,6 +92,23 @@ class System:
                 self.model.v_base[i][c] = v[i, c]
                 self.model.v[i][c] = guess[i, c]
 
+    def predict(self, c: float, pins: Held | None, together: bool) -> None:
+        """The model goes where the last step's change of velocity would lead it, and contacts are looked for on the way.
+
+        Args:
+            together: whether layers of cloth are part of the problem.
+        """
+        x, v = self.model.read_saved()
+        self.operator.set_motion(c)
+        if self.base is not None:
+            self.solver.dv.fill(0)
+            self.add_guess(1.0)
+        elif not self.contacts.warm:
+            self.fall(c, *self.contacts.gravity)
+        self.place(c, 1.0)
+        self.settle(pins)
+        self.contacts.begin(c, pins, x, v, together, self.base)
+
     def linearize_first(self, c: float, held: Held | None) -> Measures:
         """The system of a step's first solve, with the alterations of held particles: (18), from the saved state. With a
         base it is linearized at the base's guess, x = x_base + c v + y."""
