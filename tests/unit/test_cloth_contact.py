@@ -752,7 +752,7 @@ assert not hasattr(sim.contacts.force, "turns") and sim.contacts.force.capacity 
     some = set(lines[-1].split())
     assert {"contact.contacts", "contact.points"} <= some and not {m for m in some if m.startswith("contact.cloth")}
     assert "contact.pair_geometry" not in some
-    assert {m for m in some if m.startswith("step")} == {"step.nonlinear.solid_contact"}
+    assert {m for m in some if m.startswith("step")} == {"step.nonlinear.solid_contact", "step.nonlinear.solved_contact"}
 
 
 @pytest.mark.slow

@@ -32,11 +32,11 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
 from .energy import MOST, EnergyTest
-from .newton import Changes, Effort, Outcome, StepProblem
+from .newton import CG_TOL, Changes, Effort, Outcome, StepProblem
 from .solid_contact import forces_at_end
 from .system import System
 
-FIRST, OTHERS = 1e-2, 5e-2  # relative residuals of solves: of (18), and of those that go on from where it ended. With 1e-3
+FIRST, OTHERS = 1e-2, 5e-2  # relative residuals of solves: of (18) where others are likely to follow, and of these. With 1e-3
 # and 5e-2, 1e-3 and 1e-2 `sphere_drape` takes 17,500 and 23,400 iterations for 1 s, for 14,100
 AGREED = 0.01  # part of `contact_tol` by which impulses of contacts may be off the law. With .1, .03 and this `capstan_360_03`
 # has 7.34, 6.69 and 6.70 (6.59), and `sphere_drape` takes 551, 544 and 556 solves
@@ -110,7 +110,8 @@ class SolvedStep(StepProblem):
             else:
                 system.linearize_first(h, held)
         with self.clock.part("CG"):
-            tolerance = system.options.cg_tol or (OTHERS if k else FIRST)
+            first = FIRST if self.contacts.foresight.more_rounds else CG_TOL
+            tolerance = system.options.cg_tol or (OTHERS if k else first)
             z = system.to_go(held, h) if k else None
             warm = k == 0 and system.base is not None and len(self.solutions) > 0
             if warm:
@@ -212,6 +213,7 @@ class SolvedStep(StepProblem):
             solids.linearized, solids.pressing, solids.sliding = self.solved
             contacts.base = self.began
             solids.record_forces(self.reaction, self.began[0])
+            contacts.foresight.asked = len(self.solutions) > 1
             r, solved = self.residual, self.within(1.0) and not self.pairs
             contacts.found = replace(self.found, residual=replace(r, off=r.law if solved else max(r.off, r.law)))
             solids.unsettled = 0 if solved else max(r.changed, 1)

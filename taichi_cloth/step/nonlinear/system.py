@@ -173,7 +173,7 @@ class System:
         """
         method = self._proximal()
         method.ended = method.ended - read(self.solver.dv) if again and method.ended is not None else None
-        self.solver.dv.fill(0)
+        self.fall(0.0, 0.0, 0.0, 0.0)
         return method.run(cones)
 
     def _proximal(self) -> ProximalGradient:
