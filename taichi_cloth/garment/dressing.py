@@ -36,8 +36,8 @@ FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at m
 FIRM = 64.0  # times as much at which contact beside stitches that do not close is released
 FINEST, LOCKED = 32, 0.3  # part of h; part of their distance below which layers are released at it
 NEARER, SLOWEST = 0.2, 0.1  # part of the widest gap, and m/s, by the lesser of which it closes, or else closes no further
-ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts. Steps are not solved (`contact_tol`) either: with that
-# the pattern dress slides off a shoulder at four of five spacings, without at none of three
+ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts. Contact is not solved (`contact_tol`) either: with
+# that the pattern dress slides off a shoulder at four of five spacings, without at none of three
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
 TENTH, ROUND = 0.1, 1e-9  # s after which it is seen how far things are; part of it that is too little for a step
