@@ -7,6 +7,7 @@ from taichi_cloth.backend.rows import read, write
 from taichi_cloth.contact.solid.balance import Balance
 from taichi_cloth.solver import proximal
 from taichi_cloth.solver.proximal import ProximalGradient
+from taichi_cloth.step.nonlinear.solved_contact import SolvedStep
 from taichi_cloth.system.cones import Cones
 
 H = 1 / 60
@@ -139,16 +140,22 @@ def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch
 
 
 def test_friction_of_contacts_that_open_in_the_iterations_is_at_right_angles_to_their_normals(monkeypatch):
-    """Where iterations open a contact that the law keeps, its slip has no part along the normal: friction
+    """In solved steps, where iterations open a contact that the law keeps, its slip has no part along the normal: friction
     along that part presses cloth into the solid, and grows with the pressure from solve to solve."""
-    tilts, relaxed = [], Balance.relaxed
+    tilts, relaxed, relax, solved = [], Balance.relaxed, SolvedStep.relax, []
+
+    def relaxing(self):
+        solved.append(self)
+        relax(self)
+        solved.pop()
 
     def watched(self, found, slip, pressed):
         out = relaxed(self, found, slip, pressed)
-        tilts.append(np.abs(np.sum(out.rows.push * out.f.normal, axis=1)).max(initial=0.0))
+        tilts.extend([np.abs(np.sum(out.rows.push * out.f.normal, axis=1)).max(initial=0.0)] * len(solved))
         return out
 
     monkeypatch.setattr(Balance, "relaxed", watched)
+    monkeypatch.setattr(SolvedStep, "relax", relaxing)
     scene, mesh = tc.Scene(), tc.grid(0.6, 12)
     fabric = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))
     scene.add_cloth(mesh, fabric, mesh.x + [-0.3, 0.21, 0.3])

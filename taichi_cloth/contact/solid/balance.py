@@ -200,7 +200,7 @@ class Balance:
         """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and of those that
         press, by their impulses (k,) [N s]. New ones have no friction in the next solve, which gives their load."""
         (f, rows, slips, goal), single = found.near, self._single(found.near[0])
-        slip = tangential(slip, f.normal[single]) * self.start.c / self.start.h
+        slip = slip * self.start.c / self.start.h
         bears = rows.normal > 0
         bears[single] |= pressed > 0
         speed, cone = length(slip), (f.friction * rows.normal)[single]

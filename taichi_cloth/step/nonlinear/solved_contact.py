@@ -25,6 +25,7 @@ import math
 from dataclasses import replace
 
 from ...backend.timing import Clock
+from ...contact.points import tangential
 from ...contact.solid.balance import MET
 from ...contact.solid.sliding import Sliding
 from ...solver.pcg import Solution
@@ -195,7 +196,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("CG"):
             slips, pressed = system.relax_next(cones, again)
         with self.clock.part("C-S"):
-            self.found = self.balance.relaxed(self.found, slips, pressed)
+            self.found = self.balance.relaxed(self.found, tangential(slips, cones.normal), pressed)
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`. A step that is nearly solved is taken, also where pairs of edges could be further apart."""
