@@ -346,7 +346,7 @@ MUTATIONS = (
     (BALANCED, "bears[single] |= pressed > 0", "pass", "contacts are met one linear solve after the other",
      "tests/physics/test_contact_order.py::test_on_a_slope_and_off_its_edge_the_error_is_a_third"),
     (BALANCED, "self.k >= MET and", "False and", "contacts never keep their planes",
-     f"{DRIVES}::test_nothing_driven_into_a_sheet_comes_near_or_through[1041]"),
+     f"{DRIVES}::test_nothing_driven_into_a_sheet_comes_near_or_through"),
     (BALANCED, "took = normal[:, None] * f.normal", "took = np.maximum(normal, 0)[:, None] * f.normal",
      "contacts that pull agree with the law", "tests/physics/test_friction.py::test_capstan"),
     ("taichi_cloth/step/nonlinear/solved_contact.py", "solids.record_forces(self.reaction, self.began[0])", "pass",

@@ -90,12 +90,11 @@ class StepStart:
 
 
 class Foresight(Checkpointed):
-    """Whether the first solve of a step in contact is likely to be its last, by the steps before: one that others follow may
-    be rough.
+    """Whether the first solve of a step with layers of cloth is likely to be its last, by the steps before: one that others
+    follow may be rough.
 
     Attributes:
-        rounds: accepted steps, one after the other, in which a Newton step was cut short, or changed many contacts; without
-            layers, which took several solves.
+        rounds: accepted steps, one after the other, in which a Newton step was cut short, or changed many contacts.
         asked: whether that is so in this attempt.
     """
 
