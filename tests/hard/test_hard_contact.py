@@ -45,7 +45,7 @@ def test_a_fast_thin_solid_does_not_tunnel(shape, precision):
 
 @pytest.mark.parametrize("sheets", [1, 2])
 def test_what_a_fine_mesh_holds_is_not_pulled_at_by_its_edges(sheets):
-    """A ball of triangles smaller than the cloth's comes from below at 1 m/s: five steps at most are tried smaller."""
+    """A ball of triangles smaller than the cloth's comes from below at 1 m/s: eight steps at most are tried smaller."""
     scene, mesh = tc.Scene(), tc.grid(0.6, 20)
     damped = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5))
     scene.add_solid(tc.SolidMesh(*tc.Sphere(0.12).surface()), friction=0.4, thickness=0.006, position=lambda t: (0.0, t, 0.0))
@@ -56,7 +56,7 @@ def test_what_a_fine_mesh_holds_is_not_pulled_at_by_its_edges(sheets):
     while sim.time < 0.3 - 1e-9:
         sim.step()
     assert crossings(sim) == 0 and sim.intersections() == 0 and np.abs(sim.velocities()).max() < 2.5  # 2.0 with steps of 1 ms
-    assert len(sim.log) < 50 and sum(sum(r.rejections.values()) for r in sim.log) <= 5
+    assert len(sim.log) < 50 and sum(sum(r.rejections.values()) for r in sim.log) <= 8
     sim.close()
 
 
