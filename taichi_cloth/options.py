@@ -59,7 +59,7 @@ class Options:
         "--K", choices=("projected", "gauss_newton", "paper"))
     cg_tol: float | None = _option(
         None, "number", "relative residual of a linear solve. None takes 1e-4 for backward Euler; .03 and less for "
-        "'newton_euler' without contact; .03 and then .1 for stages; .01 and then .05 with contact_tol", "--cg-tol",
+        "'newton_euler' without contact; .03 and then .1 for stages; 1e-4 and then .05 with contact_tol", "--cg-tol",
         positive=True, most=1.0)
     adaptive: bool = _option(
         True, "flag", "a step that fails is repeated with a smaller h; False makes exactly the steps asked for",
