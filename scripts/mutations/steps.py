@@ -71,6 +71,8 @@ MUTATIONS = (
      "energy after a force's own change is not measured", "tests/unit/test_own_force.py"),
     ("taichi_cloth/step/stepper.py", "changed = [force.accept(h) for force in self._accepting]", "changed = [False]",
      "forces are not told of accepted steps", "tests/unit/test_own_force.py"),
+    ("taichi_cloth/forces/bend.py", "self.has_extra_torque or type(self).accept is not Bend.accept", "self.has_extra_torque",
+     "hinges of a kind of their own are not told of accepted steps", "tests/unit/test_own_force.py"),
     ("taichi_cloth/step/stepper.py", "potential=ledger.potential - taken, plastic=taken", "plastic=taken",
      "what creases take is counted twice", CREASES),
     ("taichi_cloth/step/integrators/tr_bdf2.py", "-ledger.unaccounted > LEFT", "False and -ledger.unaccounted > LEFT",

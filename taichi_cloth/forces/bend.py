@@ -71,6 +71,11 @@ class Bend(HingeLaw):
         """(torque, torque over displacement, slope, energy) of friction and creases, at the condition C."""
         return self.hysteresis.respond(e, C)
 
+    @property
+    def follows_steps(self) -> bool:
+        """Only with sliders, or in a subclass with an `accept` of its own."""
+        return self.has_extra_torque or type(self).accept is not Bend.accept
+
     def accept(self, h: float) -> bool:
         """Sliders follow the hinges."""
         if self.has_extra_torque:

@@ -77,6 +77,11 @@ class CurvatureBend(CurvatureLaw):
         """area D of uu, uv and vv [N m^3]."""
         return ti.Vector([self.k[e][0], self.k[e][1], self.k[e][2]])
 
+    @property
+    def follows_steps(self) -> bool:
+        """Only with sliders, or in a subclass with an `accept` of its own."""
+        return self.remembers or type(self).accept is not CurvatureBend.accept
+
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
         if self.remembers:

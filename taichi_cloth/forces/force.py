@@ -63,6 +63,11 @@ class Force(ABC):
         """Whether a method that does nothing in this contract does something here; else it need not be called."""
         return getattr(cls, method) is not getattr(Force, method)
 
+    @property
+    def follows_steps(self) -> bool:
+        """Whether `accept` may change it in this scene; else it is not called."""
+        return self.does("accept")
+
     @abstractmethod
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""

@@ -69,7 +69,8 @@ class Stepper(Checkpointed):
     def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control,
                  locator: Locator | None = None, giving=None) -> None:
         self.model, self.integrator, self.meter, self.control, self.locator = model, integrator, meter, control, locator
-        self._accepting, self._recording = ([f for f in meter.forces if f.does(name)] for name in ("accept", "record"))
+        self._accepting = [force for force in meter.forces if force.follows_steps]
+        self._recording = [force for force in meter.forces if force.does("record")]
         self.giving = giving  # a `giving.Giving` where anything is sewn
         self.h = control.h_max
         self.quiet = 0

@@ -23,6 +23,7 @@ membrane, bend, gravity = sim.force_terms
 from taichi_cloth.recording import record as recording
 print(json.dumps({
     "loaded": loaded, "forces": [type(f).__name__ for f in sim.force_terms], "remembers": bend.has_extra_torque,
+    "follows": any(force.follows_steps for force in sim.force_terms),
     "energies": sorted(sim.energy()), "ledger": sorted(record.ledger), "stiffens": membrane.stiffening is not None,
     "sewn": sim.model.sewn is not None, "gives": sim.giving is not None, "remembered": len(sim.model.remembered),
     "low_rank": sim.meter.operator.has_low_rank,
@@ -40,7 +41,7 @@ def test_what_a_scene_does_not_name_is_not_there():
     assert not set(told["loaded"]) & set(ABSENT)
     assert told["forces"] == ["Membrane", "Bend", "Gravity"]
     assert told["energies"] == ["bend", "gravity", "kinetic", "shear", "stretch_u", "stretch_v"]
-    for name in ("remembers", "stiffens", "sewn", "gives", "remembered", "low_rank"):
+    for name in ("remembers", "follows", "stiffens", "sewn", "gives", "remembered", "low_rank"):
         assert not told[name], name
     assert told["frame"] == ["t", "v", "x"]
     for name in ("sewn", "corners", "creases", "face_limit", "hinge_own", "patches"):
