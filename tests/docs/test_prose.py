@@ -58,6 +58,13 @@ def test_a_page_is_plain(prose, page):
     assert found.whats <= 2, f"{found.whats} times 'what' as a pronoun: name the thing"
 
 
+def test_limits_are_read_in_three_minutes(prose):
+    """At most 700 words; by scope, accuracy, contact and cost."""
+    text = (ROOT / "docs" / "limits.md").read_text()
+    assert len(text.split()) <= 700 and prose.measure(text).mean <= 20
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["Scope", "Accuracy", "Contact", "Cost"]
+
+
 def test_pages_together_are_plain(prose):
     total = sum((prose.measure(page.read_text()) for page in PAGES), prose.Measured())
     assert total.words > 40_000

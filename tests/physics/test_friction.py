@@ -95,8 +95,8 @@ def test_it_falls_freely_until_it_touches():
 
 
 def test_cloth_that_drapes_keeps_to_the_cone():
-    """Of a sheet that falls on a ball and slides over it, what shear is beyond Coulomb's cone is a small part of all normal
-    forces in the steps that touch, by forces and positions; .3 where whatever begins to touch sticks by its own motion."""
+    """Of a sheet that falls on a ball and slides over it, shear beyond Coulomb's cone is a small part of all normal forces in
+    the steps that touch, by forces and positions. In steps that are not solved it is up to .2, and .03 on the mean."""
     scene = tc.Scene()
     mesh, mu = tc.grid(1.0, 20), 0.4
     fabric = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
@@ -112,4 +112,4 @@ def test_cloth_that_drapes_keeps_to_the_cone():
         shear = np.linalg.norm(force - normal[:, None] * up, axis=1)
         if force.any():
             beyond.append(np.maximum(shear - mu * np.maximum(normal, 0), 0).sum() / np.abs(normal).sum())
-    assert len(beyond) > 38 and np.mean(beyond) < 0.12
+    assert len(beyond) > 38 and np.mean(beyond) < 0.005 and np.max(beyond) < 0.03
