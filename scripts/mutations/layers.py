@@ -227,7 +227,7 @@ MUTATIONS = (
     (CONTACT + "cloth/layers.py", "(self._too_near() & nearer).any()", "self._too_near().any()",
      "rows pinned near each other get stiffer to part",
      "tests/physics/test_near_starts.py::test_rows_that_are_pinned_near_each_other_throw_nothing"),
-    (CONTACT + "cloth/layers.py", "return not (near or self.off or rubs or late)", "return not (near or rubs or late)",
+    (CONTACT + "cloth/layers.py", "return not (near or self.unsettled or rubs or late)", "return not (near or rubs or late)",
      "forces that do not agree are taken", SETTLED),
     (CONTACT + "cloth/layers.py",
      'STATE = ("kept", "count", "energy", "was", "firmness", "detector", "intersections", "lips")',

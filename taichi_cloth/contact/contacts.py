@@ -275,7 +275,7 @@ class Contacts(Checkpointed):
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections
-        return out | {"unconverged_contacts": self.solids.unsettled + layers.off, "pinched": pinched + tangles.pinched,
+        return out | {"unconverged_contacts": self.solids.unsettled + layers.unsettled, "pinched": pinched + tangles.pinched,
                       "layers": layers.count, "min_gap_ratio": layers.least, "known_intersections": tangles.count}
 
     def place(self) -> Place | None:

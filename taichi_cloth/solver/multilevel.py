@@ -1,8 +1,8 @@
 """Additive multilevel preconditioner: block Jacobi, and the same on lattices over the cloth. [Bramble, Pasciak, Xu 1990]
 
-    P^-1 = S (D^-1 + sum over levels of c_l Q_l D_l^-1 Q_l^T) S
+    P^-1 = S (B^-1 + sum over levels of c_l Q_l B_l^-1 Q_l^T) S
 
-Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
+Q_l interpolates from the nodes of level l to the particles, B_l is the block diagonal of Q_l^T A Q_l, summed up from
 the elements without assembling A. Hats end where particles are held in all directions; air drag is left out, and hinges
 count with their trace, as they are in flat cloth and as if nothing were held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
@@ -227,7 +227,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def inverse_block(self, n):
-        """c_l D_l^-1 of a node; 0 if all that it meets is held."""
+        """c_l B_l^-1 of a node; 0 if all that it meets is held."""
         D, out = self.summed[n], ti.Vector.zero(float, 6)
         for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
             i = self.hats.particles.source[k]

@@ -396,7 +396,7 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
     assert layers.settled()  # from then on friction may change in the next step, where cloth is pinched
     taken[FORCE] *= 2
     layers.look()
-    assert not layers.settled() and layers.off > 10
+    assert not layers.settled() and layers.unsettled > 10
     sim.close()
 
 

@@ -52,8 +52,9 @@ class Layers(Checkpointed):
 
     Attributes:
         count: pairs in contact after the last solve; energy: of their repulsion [J].
-        least: smallest distance of any pair over that which it should keep; 1 where none is in contact.
-        off: pairs whose force was not as the last solve took it.
+        least: smallest distance of any pair over that which it should keep, 1 where none is in contact; was: that of the
+            last step.
+        unsettled: pairs whose force was not as the last solve took it.
         firmness: how much stiffer pairs are than their law.
         waived: (n,) particles that solids pinch, whose pairs are disabled; freed: whether any is no longer pinched.
     """
@@ -86,10 +87,10 @@ class Layers(Checkpointed):
         self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
         self.near = ContactPairs.none()  # where cloth was last looked at
         self.compared: Comparison | None = None  # those, and the ones that the last solve took
-        self.there = nowhere  # predicted positions, at which an attempt's first solve has the pairs
+        self.predicted = nowhere  # positions at which an attempt's first solve has the pairs
         self.round = 0  # solves of the attempt
         self.blocking = self.detector.candidates  # pairs that a collision-free step stops at
-        self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
+        self.count, self.energy, self.least, self.was, self.unsettled = 0, 0.0, 1.0, 1.0, 0
         self.watch = Stopwatch()
 
     @property
@@ -114,7 +115,7 @@ class Layers(Checkpointed):
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start = start
         self.firmness.begin()
-        self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
+        self.round, self.predicted, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.paths.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
@@ -136,7 +137,7 @@ class Layers(Checkpointed):
         row = self.compared.rows if self.compared is not None else np.full(k, -1)
         before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
         if k:
-            there = self.there if self.compared is None else base
+            there = self.predicted if self.compared is None else base
             self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
                               self.start.c, int(not self.round), base, there, self._last_forces(p), row, before, taken, block,
                               rhs)
@@ -198,7 +199,7 @@ class Layers(Checkpointed):
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.start.h**2)
         total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
-        self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
+        self.unsettled = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
         rubs_as = float(np.sum(bears))
         lag = abs(float(np.sum(q.weighed[pair_kernels.MU] * np.maximum(taken, 0.0))) - rubs_as)
         hindered = self.intersections.active or self.waived.any()
@@ -208,9 +209,9 @@ class Layers(Checkpointed):
         rubs = over > RUBBED * rubs_as and self.round == 1  # later, what is above it is left to the next step
         nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned close together may stay so
         near = (self._too_near() & nearer).any()
-        if near and not (self.off or rubs or late):
+        if near and not (self.unsettled or rubs or late):
             self._stiffen()
-        return not (near or self.off or rubs or late)
+        return not (near or self.unsettled or rubs or late)
 
     @timed
     def stop_short(self) -> None:
@@ -332,7 +333,7 @@ class Layers(Checkpointed):
 
     def pass_without(self) -> None:
         """No layers touched in this step."""
-        self.energy, self.count, self.least, self.off = 0.0, 0, 1.0, 0
+        self.energy, self.count, self.least, self.unsettled = 0.0, 0, 1.0, 0
         self.linearized = self.compared = None
 
     def pass_by(self) -> None:

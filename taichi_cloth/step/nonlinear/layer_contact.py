@@ -175,7 +175,7 @@ class LayerStep(EulerStep):
     def refuse(self, measures: Measures) -> Outcome:
         """The end of an attempt that was not made."""
         layers = self.layers
-        why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
+        why = "its energy grew" if self.agreed else (f"{layers.unsettled} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
         return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "
                        f"{self.part:.2g} of the last, {why}", measures)
