@@ -14,11 +14,11 @@ Differs from `solid_contact`: the balance is that of the step's end, not of its 
 Tried and left out:
 - Newton steps shortened until the potential falls, with terms of friction and without the work of constraints (`sphere_drape`
   556 solves for 552, `table` 425 for 485);
-- the prediction as the first linearization's place (as many solves);
-- friction linearized by secants to the end (three times as many steps: the error falls by 10 % in a solve only);
-- contact states from the residual forces instead of those of the last solve (they do not converge). They are a second test
-  where contacts agree: without that `sphere_drape` takes 589 solves for 569, `bunny_drape` 1,966 to 2,711 for 837 to 2,125
-  (four frictions).
+- the first linearization at the predicted positions (as many solves);
+- friction linearized by secants in all solves (three times as many steps: the error falls by only 10 % a solve);
+- contact states from the forces out of balance, instead of the last solve's reactions (they do not converge). As a second
+  test, where contacts agree, they are taken: `sphere_drape` takes 589 solves for 569 without it, `bunny_drape` 1,966 to 2,711
+  for 837 to 2,125 (four frictions).
 """
 
 import math
@@ -37,16 +37,16 @@ from .newton import CG_TOL, Changes, Effort, Outcome, StepProblem
 from .solid_contact import forces_at_end
 from .system import System
 
-OTHERS = 5e-2  # relative residual of solves that go on from where the first one, to `cg_tol`, ended. With 1e-2 for both
-# `sphere_drape` takes 14,700 iterations for 19,700, but what falls freely beside a contact is .5 % off in its speed
-AGREED = 0.01  # part of `contact_tol` by which impulses of contacts may be off the law. With .1, .03 and this `capstan_360_03`
-# has 7.34, 6.69 and 6.70 (6.59), and `sphere_drape` takes 551, 544 and 556 solves
-STRICT = 3  # solves of a step with which they may; in each further one by twice as much. Without end 664 solves, with 2 540
-FAR = 0.3  # part of `contact_tol` by which they are off where states come from the proximal gradient method; with 1 `table`
-# takes 430 solves for 389. After MET solves the law alone goes on: after 2, these 4 and without end `table` takes 510, 449 and
-# 485, without the method 658 (`bunny_drape` takes 800 to 2,300 with any of them, by chance)
-BEARABLE = 5.0  # times `contact_tol` with which a step is taken that is not solved: a smaller one costs twice as much. With 3
-# 597 solves for 562
+OTHERS = 5e-2  # relative residual of solves after the first one, whose is `cg_tol`. With 1e-2 for all of them `sphere_drape`
+# takes 14,700 iterations for 19,700, but the speed of free fall beside a contact is .5 % off
+AGREED = 0.01  # tolerance of Coulomb's law, over `contact_tol`. With .1, .03 and this `capstan_360_03` has 7.34, 6.69 and 6.70
+# (6.68 on its polygon), and `sphere_drape` takes 551, 544 and 556 solves
+STRICT = 3  # solves after which that tolerance doubles in each. If it never does 664 solves, after 2 of them 540
+FAR = 0.3  # error of Coulomb's law, over `contact_tol`, above which states come from the proximal gradient method. With 1
+# `table` takes 430 solves for 389. After MET solves they follow from the law alone: after 2, these 4 and never `table` takes
+# 510, 449 and 485, without the method 658 (`bunny_drape` takes 800 to 2,300 with any of them, by chance)
+BEARABLE = 5.0  # times the tolerances, within which a step that is not solved is accepted. With 3 597 solves for 562: smaller
+# steps cost twice as much
 
 
 class SolvedStep(StepProblem):
@@ -55,9 +55,9 @@ class SolvedStep(StepProblem):
     Attributes:
         balance: of forces and contacts; found: its assessment of the state; residual: as last judged, out of balance by no
             more than `enough` where the step is solved.
-        lacks: (n, 3) impulses [N s] that the state lacks; taken: contact forces of the last solve.
-        acting: least sum of all impulses [N s] in any state of the step, of which `enough` is a part. By that of the state
-            itself one far off, with huge forces, would pass.
+        lacks: (n, 3) impulses out of balance [N s]; taken: contact forces of the last solve.
+        acting: the smallest sum of all impulses [N s] in any state of the step; `enough` is relative to it. Relative to its
+            own sum a state that went astray, with huge forces, would pass.
         over: span [s] over which damping is an energy; 0 where the step starts from a base.
         pairs: number of pairs of edges that need another solve.
         relaxed: whether states of contacts came from the proximal gradient method before the last solve.
