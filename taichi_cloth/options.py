@@ -17,7 +17,7 @@ SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no
 USUAL = 1 / 60  # s: with larger steps, contact is as stiff, and tried in as small steps, as with that one
 H_MIN_FACTOR = 4096.0  # h_min is the less of h and USUAL over this, if it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
-MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
+MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # Taichi is started with these, and they are recorded
 MOST_FRAMES = 10_000_000  # of a run: more have no end
 APART = (*MACHINE, "h", "h_min", "count_intersections", "log")  # a record has steps as control keeps them; the last two
 # decide nothing

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the command line asks for.
+    """Options of a run on the command line.
 
     Attributes:
         out: folder, or None to write nothing.

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     scene = _scene(args, parent)
     was = scene.changed(parent.manifest["settings"])
     settings = was | settings_of(args.set)
-    scene.typed(settings)  # what is no number, or no word that is known, is refused before Taichi is imported
+    scene.typed(settings)  # options that are no number, or no known word, are refused before Taichi is imported
     from .runner import simulate
     from .runoptions import RunOptions
     from .summary import describe

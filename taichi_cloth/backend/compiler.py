@@ -105,7 +105,7 @@ def foreign(kind: type) -> str:
 
 
 def told() -> dict[str, str]:
-    """For what tells runs apart: nothing of the usual compiler, the name of another."""
+    """For settings that tell runs apart: nothing of the usual compiler, the name of another."""
     return {} if chosen().name == DEFAULT else {"compiler": chosen().name}
 
 

@@ -1,4 +1,4 @@
-"""Counts of what a program asks of the device: launches of kernels, and numbers that go to the host and back.
+"""Counts of a program's calls to the device: launches of kernels, and numbers that go to the host and back.
 
 Nothing is counted, and nothing looked up, outside of `counted`. On the CPU arrays are handed over in place, and costs are
 small; the counts say how the same steps would fare where each of these waits for a device.
@@ -16,7 +16,7 @@ HANDED = ("_get", "_pick", "_put")  # kernels of rows.py
 
 @dataclass
 class Counts:
-    """What was asked for.
+    """Numbers of calls and of numbers moved.
 
     Attributes:
         launches: of the package's kernels; with_arrays: those with numpy arrays as arguments; arrays: so many of these;

@@ -1,4 +1,4 @@
-"""The language of kernels: `ti` is Taichi, or the fork of it that was chosen, with what this package speeds up in it.
+"""The language of kernels: `ti` is Taichi, or the fork of it that was chosen, with this package's faster parts in it.
 
 All of the package imports it from here, and so may code of a user's own: `from taichi_cloth import ti`.
 """

@@ -20,7 +20,7 @@ from .quota import cores
 
 TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
-VARIABLES = ("ARCH", "OFFLINE_CACHE_FILE_PATH")  # of the environment: to a compiler they come before what a program asks for
+VARIABLES = ("ARCH", "OFFLINE_CACHE_FILE_PATH")  # of the environment: to a compiler they come before a program's arguments
 SPARED = {"cfg_optimization": False, "simplify_after_lower_access": False}  # passes that LLVM makes again
 LAYOUT = "TAICHI_CLOTH_LAYOUT"  # of the environment: "cpu" or "device"
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2

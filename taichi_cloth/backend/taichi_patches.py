@@ -121,7 +121,7 @@ def _lines(_original):
 
 
 def _viewed(original):
-    """A launch with views of arrays, and Python's numbers: quadrants keeps weak references to what it is given. It warns of
+    """A launch with views of arrays, and Python's numbers: quadrants keeps weak references to its arguments. It warns of
     numbers that have none, and numpy changes the size of no array that has one."""
 
     def call(self, *args, **kwargs):
@@ -131,7 +131,7 @@ def _viewed(original):
     return call
 
 
-READ = (  # how sources are read and messages made: owner, name and what makes the faster one, where a compiler has it
+READ = (  # how sources are read and messages made: owner, name and the maker of the faster one, where a compiler has it
     ("lang.ast.ast_transformer_utils:ASTTransformerContext", "get_pos_info", _get_pos_info),
     ("lang.ast.ast_transformer_utils:ASTTransformerFuncContext", "_build_pos_info", _get_pos_info),
     ("lang.kernel_impl", "_inside_class", _inside_class), ("lang.impl", "get_traceback", _get_traceback),

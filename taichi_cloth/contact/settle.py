@@ -28,7 +28,7 @@ SWEEPS = 30  # at most, each by a tenth of a thickness: with 60 two sheets near 
 AIM, ENOUGH = 0.9, 0.05  # of the distance kept: to which cloth is moved apart; how much of that may lack in the end
 NEAREST = 0.5  # of the thickness: sewn particles that are nearer to their mean are brought together
 MOST = 0.1  # of the thickness: most by which a particle is moved in a sweep
-TOGETHER = 12  # times that layers which would come too near are moved as one, and what would cross is left as it is
+TOGETHER = 12  # times that layers which would come too near are moved as one, and those that would cross are left as they are
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The start of an attempt at a step, as contact sees it, and what the steps before let expect of it. numpy only."""
+"""The start of an attempt at a step, as contact sees it, and its expected course by the steps before. numpy only."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

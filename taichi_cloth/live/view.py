@@ -114,7 +114,7 @@ def _source(what: object, options: dict[str, Any]) -> Source:
 
 def serve(make: Callable[[], Source], title: str, host: str, port: int | None, opens: bool, plays: bool,
           tells: Callable[[str], object] = print) -> None:
-    """Shows what a source makes. Ctrl-C is the usual end: it waits for the step, or for the kernel, that is being made.
+    """Shows a source's simulations. Ctrl-C is the usual end: it waits for the step, or for the kernel, that is being made.
 
     Args:
         make: gives the source, once the page is starting; tells: is called with the page's address.

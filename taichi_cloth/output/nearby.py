@@ -9,7 +9,7 @@ from ..scene.closest import closest
 from ..scene.mesh import face_edges
 from .drawn import Frame
 
-NEAR = 1.5  # thicknesses: what touches is about one away
+NEAR = 1.5  # thicknesses: surfaces that touch are about one apart
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _layered(geometry: Frame, x: np.ndarray) -> np.ndarray:
         out[face[met]] = True
     out[faces[out[faces].any(axis=1)]] = True
     shared = np.zeros(len(x), dtype=bool)
-    shared[sewn[out]] = True  # what is sewn stays together
+    shared[sewn[out]] = True  # sewn vertices stay together
     return shared[sewn]
 
 

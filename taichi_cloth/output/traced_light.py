@@ -1,8 +1,8 @@
 """Light by rays: to a round light for soft shadows, over the hemisphere for ambient occlusion. Traced once a pixel.
 
 Pixels share the findings of those around that see the same surface. Each of them then has all rays of the sequence, but every
-edge of a shadow has steps of `ACROSS` pixels, since each ray goes from one pixel of so many. So samples take the mean of what
-pixels around share.
+edge of a shadow has steps of `ACROSS` pixels, since each ray goes from one pixel of so many. Samples therefore take the mean
+over pixels around.
 """
 
 import numpy as np

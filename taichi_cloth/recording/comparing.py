@@ -175,7 +175,7 @@ def files_at(to: pathlib.Path | None, run: pathlib.Path, movie: bool) -> tuple[p
 
 
 def _kind() -> str:
-    """Of films: what the packages that there are can write."""
+    """Of films: the format that installed packages can write."""
     try:
         encoder()
     except OutputError:

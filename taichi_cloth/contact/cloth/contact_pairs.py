@@ -12,7 +12,7 @@ from .barrier import FLOOR
 from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
 
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again. With .3 for both a
-# load that holds a crossing takes 72 solves for 55, and what is taut over a bar comes to .34 of the distance for .37
+# load that holds a crossing takes 72 solves for 55, and cloth that is taut over a bar comes to .34 of the distance for .37
 STIFFEST = 4096.0  # product of the factors at most
 
 

@@ -206,7 +206,7 @@ class Layers(Checkpointed):
         late = lag > AGREED * rubs_as and not (hindered and self.round > LATER)
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
-        rubs = over > RUBBED * rubs_as and self.round == 1  # later, what is above it is left to the next step
+        rubs = over > RUBBED * rubs_as and self.round == 1  # later, friction above it is left to the next step
         nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned close together may stay so
         near = (self._too_near() & nearer).any()
         if near and not (self.unsettled or rubs or late):

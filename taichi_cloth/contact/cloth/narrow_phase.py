@@ -21,7 +21,7 @@ from .contact_pairs import ContactPairs
 KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: a pair so near is pressed by more than forces hold, and has no floor. With 1 sheets that are
-# pinned at their floor fly at 15 m/s (the law `near_20_pinned`), though what pins lead through cloth takes 153 solves for 270
+# pinned at their floor fly at 15 m/s (the law `near_20_pinned`); pins that lead cloth through it take 153 solves for 270
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 PIECES, ROOM = 2048, 16  # of the candidates at most; pairs in reach of each, to begin with
 LED, RESTS = 1, 2  # in `LayerDetector.tangled`

@@ -21,8 +21,8 @@ from .collision_mesh import CollisionMesh
 from .contact_pairs import ContactPairs
 
 PULL = 10.0  # stiffness over mass / h^2 by which crossings are moved by a thickness in a usual step
-FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts; with 0 what a load
-# holds through stays: 14 crossings of 18 after .4 s
+FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts; with 0 those that
+# a load holds stay: 14 crossings of 18 after .4 s
 FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew; and pairs that have just come
 # apart are led further
 
@@ -137,7 +137,7 @@ class Intersections(Checkpointed):
     def _rest(self) -> None:
         """Particles of a crossing rest, their neighbours, and those that were pinched.
 
-        With two rings of neighbours tangles grew. With none, what is well through meets the other side from the wrong side.
+        With two rings of neighbours tangles grew. With none, cloth that is well through meets the other from the wrong side.
         """
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True
