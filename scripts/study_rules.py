@@ -22,7 +22,7 @@ from changed import Change, changed, head, line, plain, run  # noqa: E402
 
 MANY = 10**9
 RULES: dict[str, list[Change]] = {
-    "foresight": [("contact.step_start", "OFTEN", MANY)],
+    "forcing_terms": [("contact.step_start", "OFTEN", MANY)],
     "rough further solves": [("step.nonlinear.layer_contact", "LOOSER", 1.0), ("step.nonlinear.layer_contact", "ROUGH", 0.0),
                              ("step.nonlinear.newton", "FURTHER", 0.0)],
     "brake": [("step.nonlinear.euler", "LIGHT", 0.0), ("step.nonlinear.euler", "MOST", 0.0),

@@ -53,16 +53,17 @@ RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
 RESEWN = "tests/physics/test_resewn.py"
 BUTTONS = f"{RIPPING}::test_buttons_give_at_their_force"
 
-TEARING, TEAR = "tests/physics/test_tearing.py", "taichi_cloth/step/tearing.py"
+TEARING, TEAR = "tests/physics/test_tearing.py", "taichi_cloth/tearing/tears.py"
 SIDES = f"{RIPPING}::test_sides_keep_what_they_have_come_apart_by"
 SCORED = f"{TEARING}::test_a_scored_line_tears_at_its_fraction"
 
 MUTATIONS = (
     (STITCHES, "pulled[rows], whole[rows] = drawn, ~drawn", "whole[rows] = True",
      "a seam closes by more than its pull", RESEWN),
-    ("taichi_cloth/step/giving.py", "self.contacts.layers.join(self.stitches.whole | self.stitches.pulled)", "pass",
+    ("taichi_cloth/tearing/stitch_failure.py", "self.contacts.layers.join(self.stitches.whole | self.stitches.pulled)", "pass",
      "contact keeps apart what is to close", RESEWN),
-    ("taichi_cloth/contact/cloth/lips.py", "self.together = self.together | whole", "pass", "what has closed is two surfaces",
+    ("taichi_cloth/contact/cloth/opened_seams.py", "self.together = self.together | whole", "pass",
+     "what has closed is two surfaces",
      RESEWN),
     ("taichi_cloth/simulation/simulation.py", "            script.stitched.clear()\n", "            pass\n",
      "a resumed run closes once more what gave", RESEWN),
@@ -75,20 +76,20 @@ MUTATIONS = (
     (STITCHES, "np.linalg.norm(tension[a[alone]], axis=1)", "np.abs(tension[a[alone]][:, 0])",
      "only one component of the force counts", BUTTONS),
     (STITCHES, 'STATE = ("whole", "pulled", "firm")', 'STATE = ("firm",)', "a resumed run is whole again", GOES_ON),
-    ("taichi_cloth/step/giving.py", "system.gave = True", "system.gave = False",
+    ("taichi_cloth/tearing/stitch_failure.py", "system.gave = True", "system.gave = False",
      "what a tear leaves of its energy in a single solve is let be", "tests/test_scenes.py::test_scene[rip_seam]"),
-    ("taichi_cloth/step/giving.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
+    ("taichi_cloth/tearing/stitch_failure.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
     ("taichi_cloth/step/nonlinear/layer_contact.py", "            ended = self.accounted(ended)\n", "            pass\n",
      "sides that meet as they recoil end with their first solve", f"{RIPPING}::test_the_energy_of_a_rip_is_accounted_for"),
     ("taichi_cloth/step/nonlinear/euler.py", "self.doubt(*ended) < BEARABLE", "True",
      "steps that leave most of their energy unaccounted for pass", f"{RIPPING}::test_the_energy_of_a_rip_is_accounted_for"),
-    ("taichi_cloth/contact/cloth/lips.py", "self.together & whole\n        self.resumed()", "self.together & whole",
+    ("taichi_cloth/contact/cloth/opened_seams.py", "self.together & whole\n        self.resumed()", "self.together & whole",
      "contact is not told of what has opened", SIDES),
-    ("taichi_cloth/step/giving.py", "tangled = self.contacts.layers.tangled(self.stitches.parted)", "pass",
+    ("taichi_cloth/tearing/stitch_failure.py", "tangled = self.contacts.layers.tangled(self.stitches.parted)", "pass",
      "sides that cross are not counted", f"{RIPPING}::test_sides_that_pass_through_each_other_are_counted"),
-    ("taichi_cloth/contact/cloth/lips.py", "np.maximum(self.grown, apart)", "apart",
+    ("taichi_cloth/contact/cloth/opened_seams.py", "np.maximum(self.grown, apart)", "apart",
      "sides keep no more than the distance that they have", SIDES),
-    ("taichi_cloth/contact/cloth/lips.py", "label[self.a[opened]]), 0.0, self.grown)",
+    ("taichi_cloth/contact/cloth/opened_seams.py", "label[self.a[opened]]), 0.0, self.grown)",
      "label[self.a[opened]]), self.grown, self.grown)", "what has just opened keeps a thickness at once", SIDES),
     ("taichi_cloth/forces/bend.py", "*= self.host_whole[:, None]", "*= 1", "hinges stay over an open seam",
      f"{RIPPING}::test_hinges_go_with_their_seam"),
@@ -98,7 +99,7 @@ MUTATIONS = (
     (CLUSTERS, "dv[i] -= self.model.v[i] - v", "dv[i] += self.model.v[i] - v",
      "velocities against the mean are doubled", APART),
     (CLUSTERS, "self.model.x[self.members[j]] = x", "pass", "what came together is not put into one place", APART),
-    ("taichi_cloth/step/nonlinear/system.py", "self.leads |= sewn is not None", "self.leads |= False",
+    ("taichi_cloth/step/nonlinear/linear_system.py", "self.leads |= sewn is not None", "self.leads |= False",
      "a step that is shortened leaves a seam behind", f"{SEAMS}::test_seams_close_by_as_much_in_steps_that_need_more_solves"),
     (CLUSTERS, "missing = self.member[(row[self._cluster] >= 0) & ~np.isin(self.member, held.index)]",
      "missing = self.member[:0]", "a pin holds one layer of three"),
@@ -215,7 +216,7 @@ MUTATIONS = (
      FILES + "what_is_done_with_garments_is_done_with_loaded_ones"),
     (SOLVER + "lattice.py", "places if whole.mean() > 0.5 else mesh.x", "mesh.x", "lattices over cut patterns lie in space",
      FILES + "lattices_lie_in_the_pattern"),
-    ("taichi_cloth/step/nonlinear/system.py", "forget()\n        self.solver.dv.fill(0)\n", "forget()\n",
+    ("taichi_cloth/step/nonlinear/linear_system.py", "forget()\n        self.solver.dv.fill(0)\n", "forget()\n",
      "a solve begins with what has overflowed", FILES + "what_cannot_be_made_of_levels_is_left_out_with_a_note"),
     (DENSE, "some = values > least", "some = values < np.inf", "what cannot be solved for is",
      "tests/unit/test_dense.py::test_what_is_singular_is_inverted_where_it_is_not"),
@@ -315,6 +316,6 @@ MUTATIONS = (
     ("taichi_cloth/system/stitches.py", 'STATE = ("whole", "pulled", "firm")', 'STATE = ("whole", "pulled")',
      "a run resumed forgets how firmly it pulls", FIRMER),
     ("taichi_cloth/system/stitches.py", "self.firm * self.pulled", "self.pulled", "firmer pulls are not", FIRMER),
-    ("taichi_cloth/step/stepper.py", "self.giving.pull_firmer(factor)\n            self.forget()",
-     "self.giving.pull_firmer(factor)", "a step gains what firmer pulls store", FIRMER),
+    ("taichi_cloth/step/stepper.py", "self.stitch_failure.pull_firmer(factor)\n            self.forget()",
+     "self.stitch_failure.pull_firmer(factor)", "a step gains what firmer pulls store", FIRMER),
 )

@@ -16,7 +16,7 @@ from .points import ContactForce, Points
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
-from .step_start import Foresight, StepStart
+from .step_start import ForcingTerms, StepStart
 
 AGREED = 0.001  # tolerance of the residual of contacts, in parts of all impulses (weight, contacts, pins, changes of
 # momentum). With .002 and .0005 `sphere_drape` takes 385 and 404 solves for 390 in 1 s
@@ -36,12 +36,12 @@ class Contacts(Checkpointed):
         start: of the attempt at a step; base: positions and velocities (n, 3) with which its last solve began.
         balance: the contacts with solids from solve to solve of the attempt; found: by the last of `rounds`.
         between: points of layers in that solve; others: friction of pinched particles, and edges and corners of solids.
-        foresight: prediction of whether a step's first solve will be its last.
+        forcing_terms: prediction of whether a step's first solve will be its last.
         warm: whether the last step ended in contact, so that its last solve predicts the next.
         crowded: whether there are more points than there is room for.
     """
 
-    STATE = ("solids", "warm", "layers", "foresight")
+    STATE = ("solids", "warm", "layers", "forcing_terms")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool,
                  tangles: str = "untangle", law: str = "repulsion") -> None:
@@ -60,7 +60,7 @@ class Contacts(Checkpointed):
         self.balance = Balance(self.solids, nowhere)
         self.found: Found | None = None
         self.rounds = 0
-        self.between, self.others, self.foresight = Points.none(), Points.none(), Foresight()
+        self.between, self.others, self.forcing_terms = Points.none(), Points.none(), ForcingTerms()
         self.warm = self.crowded = False
 
     @property
@@ -73,7 +73,7 @@ class Contacts(Checkpointed):
         """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
         part of its problem from the first solve on. base: where the method starts, if not from the saved state."""
         self.warm = False
-        self.foresight.begin()
+        self.forcing_terms.begin()
         size = h if base is None else base.h
         self.start = self.solids.begin(StepStart(size, self.start.h_usual, x, v, pins, together, base))
         self.balance, self.found, self.rounds = Balance(self.solids, self.start.base_v), None, 0
@@ -143,7 +143,7 @@ class Contacts(Checkpointed):
         solids.record_forces(reaction, self.base[0])
         balance.inertia = balance.unrubbed(inertia)
         self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
-        others = solids.wanting() + int(solids.pinches.possible and solids.pinches.lags(self.start, solids.near.there))
+        others = solids.wanting() + int(solids.pinches.possible and solids.pinches.lags(self.start, solids.near.end_positions))
         r = self.found.residual
         agrees = r.off <= max(self.enough, left / r.acting) and not balance.smoothed and not others
         solids.unsettled = 0 if agrees else max(r.changed, 1)
@@ -163,10 +163,10 @@ class Contacts(Checkpointed):
 
     def stop_short(self) -> None:
         """After `judge`, the update was shortened: contacts that were not reached are dropped."""
-        ended = self.solids.near.there
+        ended = self.solids.near.end_positions
         self.solids.stop_short()
         if self.found is not None:
-            self.found = self.balance.reached(self.found, self.solids.near.there - ended)
+            self.found = self.balance.reached(self.found, self.solids.near.end_positions - ended)
 
     @property
     def enough(self) -> float:
@@ -223,7 +223,7 @@ class Contacts(Checkpointed):
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
         self.solids.commit()
-        self.foresight.commit()
+        self.forcing_terms.commit()
         self.warm = True
         if self.layers is not None:
             self.layers.commit()
@@ -237,7 +237,7 @@ class Contacts(Checkpointed):
     def pass_by(self) -> None:
         """A step without contact was accepted."""
         self.solids.pass_by()
-        self.foresight.clear()
+        self.forcing_terms.clear()
         self.warm = False
         if self.layers is not None:
             self.layers.pass_by()
@@ -284,7 +284,7 @@ class Contacts(Checkpointed):
         return min((p for p in places if p is not None), key=lambda p: p.gap, default=None)
 
     def inspect(self) -> list[str]:
-        """See `Scanner.inspect`; called at the beginning."""
+        """See `SolidCollisionDetector.inspect`; called at the beginning."""
         notes = self.scan.inspect(self.start.h_usual)
         self.clear()
         return notes + (self.layers.intersections.inspect() if self.layers is not None else [])
@@ -304,7 +304,7 @@ class Contacts(Checkpointed):
         """Forgets all contacts: the state was changed from outside."""
         self.warm = False
         self.solids.clear()
-        self.foresight.clear()
+        self.forcing_terms.clear()
         if self.layers is not None:
             self.layers.clear()
 

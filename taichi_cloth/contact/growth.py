@@ -15,8 +15,8 @@ FURTHER = 1.3  # times the distance that there is, to which thickness may grow i
 # of the thickness away (`test_near_starts`) take 28 steps for 8, and 27 where thickness does not grow at all
 
 
-class Growth(Checkpointed):
-    """Growth of the thickness of n particles.
+class ThicknessRamp(Checkpointed):
+    """ThicknessRamp of the thickness of n particles.
 
     Attributes:
         part: (n,) that each has; active: whether any has not all of it.

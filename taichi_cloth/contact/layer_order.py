@@ -21,7 +21,7 @@ from ..scene.scene import Scene
 from ..system.quantities import vertex_normals
 from ..system.state import ParticleState
 from .settle import as_one
-from .solid.query import Scanner
+from .solid.query import SolidCollisionDetector
 
 DEEPEST = 0.03  # m: vertices further inside belong elsewhere, on the other side of a limb for example
 SWEEPS = 12
@@ -69,7 +69,7 @@ class _Surface:
         return _Surface(x, normal, max(p.edge for p in parts), keeps)
 
 
-def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.ndarray) -> list[MovedOut]:
+def put_in_order(scan: SolidCollisionDetector, model: ParticleState, scene: Scene, fixed: np.ndarray) -> list[MovedOut]:
     """Moves cloths out of those that belong inside them; the model is at rest where it starts.
 
     Args:

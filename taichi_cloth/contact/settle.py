@@ -18,7 +18,7 @@ import numpy as np
 from ..system.state import ParticleState
 from .growth import NEAR
 from .solid.pairs import PAIR
-from .solid.query import Scanner
+from .solid.query import SolidCollisionDetector
 
 if TYPE_CHECKING:
     from .cloth.contact_pairs import ContactPairs
@@ -46,7 +46,7 @@ class Moved:
     by: float = 0.0
 
 
-def move_apart(scan: Scanner, model: ParticleState, layers: Layers | None, fixed: np.ndarray) -> Moved:
+def move_apart(scan: SolidCollisionDetector, model: ParticleState, layers: Layers | None, fixed: np.ndarray) -> Moved:
     """Moves cloth apart from solids' edges and corners, and layers; the model is at rest where it starts.
 
     Args:
@@ -73,7 +73,7 @@ def move_apart(scan: Scanner, model: ParticleState, layers: Layers | None, fixed
 class _Start:
     """A model's cloth before its first step, between solids and layers of its own."""
 
-    def __init__(self, scan: Scanner, model: ParticleState, layers: Layers | None) -> None:
+    def __init__(self, scan: SolidCollisionDetector, model: ParticleState, layers: Layers | None) -> None:
         self.scan, self.model, self.layers, self.v = scan, model, layers, model.read_particles()[1]
         self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
         self.most = float(scan.thickness.max(initial=0.0))  # m: the largest thickness

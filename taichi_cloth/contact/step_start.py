@@ -89,7 +89,7 @@ class StepStart:
         return self.h <= min(self.h_usual, USUAL) / SMALLEST
 
 
-class Foresight(Checkpointed):
+class ForcingTerms(Checkpointed):
     """Whether the first solve of a step with layers of cloth is likely to be its last, by the steps before: one that others
     follow may be rough.
 

@@ -178,7 +178,7 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
                 raise SceneError(_left_open(_each(sim)[-1], garment, sim.time, closing(gaps)))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
                 if rests and firm >= FIRM:
-                    sim.contacts.layers.release_around(sim.giving.stitches.apart)
+                    sim.contacts.layers.release_around(sim.stitch_failure.stitches.apart)
                 spent += firm >= FIRMEST and not rests
                 if firm < FIRMEST:
                     firm *= FIRMER

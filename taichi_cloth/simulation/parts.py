@@ -77,9 +77,9 @@ class Parts:
             g = float(np.linalg.norm(scene.gravity))
             self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in rounded(c, g)]
         self._note_collapsed(self.model.start_positions)
-        self.giving = self._giving()
+        self.stitch_failure = self._stitch_failure()
         self.locator = Locator(self.model, scene.cloths, scene.solids)
-        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.giving)
+        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.stitch_failure)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
         try:
             self._resolve_initial_overlap()
@@ -156,20 +156,20 @@ class Parts:
         if len(moved.left):
             self.notes.append(f"{len(moved.left)} vertices could not be moved apart, the first of them {name(moved.left[0])}")
 
-    def _giving(self):
+    def _stitch_failure(self):
         """Stitches that can open, where anything is sewn; nothing of it is imported without."""
         if self.model.sewn is None:
             return None
-        from ..step.giving import Giving
         from ..system.stitches import Stitches
+        from ..tearing.stitch_failure import StitchFailure
 
         stitches = Stitches(self.model.sewn, self.scene, self.force_terms)
         tears = None
         if any(c.split is not None for c in self.scene.cloths):
-            from ..step.tearing import Tears
+            from ..tearing.tears import Tears
 
             tears = Tears(self.scene, stitches, self.force_terms)
-        return Giving(stitches, self.integrator, self.meter, self.contacts, tears)
+        return StitchFailure(stitches, self.integrator, self.meter, self.contacts, tears)
 
     def __enter__(self: P) -> P:
         return self

@@ -148,17 +148,17 @@ class Queries(Parts):
     def stitch_loads(self) -> list[np.ndarray]:
         """For each of `Scene.seams`, (k,) [N] forces of its stitches in the last step; 0 if open or still apart."""
         system = self._system()
-        if self.giving is None:
+        if self.stitch_failure is None:
             return []
-        stitches = self.giving.stitches
+        stitches = self.stitch_failure.stitches
         return np.split(stitches.loads(system.tension() / system.span), stitches.first[1:-1])
 
     def stitches_open(self) -> list[np.ndarray]:
         """For each of `Scene.seams`, (k,) whether each of its stitches has given or was opened."""
         self._live()
-        if self.giving is None:
+        if self.stitch_failure is None:
             return []
-        stitches = self.giving.stitches
+        stitches = self.stitch_failure.stitches
         return np.split(~stitches.whole & ~stitches.pulled, stitches.first[1:-1])
 
     def faces(self) -> np.ndarray:
@@ -166,7 +166,7 @@ class Queries(Parts):
         joined stands for all of them."""
         self._live()
         faces = np.concatenate([c.mesh.faces + c.start for c in self.scene.cloths])
-        if self.giving is None:
+        if self.stitch_failure is None:
             return faces
         stands = np.arange(self.vertex_count)
         for seam, opened in zip(self.scene.seams, self.stitches_open()):

@@ -177,9 +177,9 @@ class Simulation(Queries):
         """Opens and closes stitches by hand, as asked for."""
         stitched = self.prescribed.script.stitched
         if stitched:
-            first = dict(zip(self.scene.seams, self.giving.stitches.first.tolist()))
+            first = dict(zip(self.scene.seams, self.stitch_failure.stitches.first.tolist()))
             for seam, rows, holds in stitched:
-                if self.giving.set_by_hand(first[seam] + rows, holds):
+                if self.stitch_failure.set_by_hand(first[seam] + rows, holds):
                     self.stepper.forget()
             stitched.clear()
 
@@ -248,8 +248,8 @@ class Simulation(Queries):
         parts = {"particles": self.model, "step": self.stepper, "integrator": self.integrator}
         if self.integrator.system is not None:
             parts["preconditioner"] = self.integrator.system.preconditioner
-        if self.giving is not None:
-            parts["stitches"] = self.giving.stitches
+        if self.stitch_failure is not None:
+            parts["stitches"] = self.stitch_failure.stitches
         if self.contacts is not None:
             parts["contacts"] = self.contacts
         return parts | self._remembering() | {"script": self.prescribed}

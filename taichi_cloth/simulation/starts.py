@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..contact.solid.query import Scanner
+from ..contact.solid.query import SolidCollisionDetector
 from ..errors import SceneError
 from ..scene.cloth import Cloth
 from ..scene.garment import Garment
@@ -17,7 +17,7 @@ OUT = ("hang the panels further out (Garment.moved), or turn and move the garmen
        "turn and shift of `dress` and of the scene dress_up)")
 
 
-def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, scan: Scanner,
+def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, scan: SolidCollisionDetector,
                   solids: list[Solid]) -> None:
     """Refuses garments that start inside solids.
 

@@ -95,7 +95,7 @@ class Prescribed(Checkpointed):
         self.attachments.anchors.update({int(key): x for key, x in anchors.items()})
 
 
-class Pump:
+class ExplicitTimeWork:
     """On the forces of a meter whose energy depends on time; does nothing, at no cost, where there are none."""
 
     def __init__(self, meter: Assembler) -> None:

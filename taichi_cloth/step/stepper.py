@@ -67,11 +67,11 @@ class Stepper(Checkpointed):
     STATE = ("h", "quiet", "measured", "last", "dropped")
 
     def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control,
-                 locator: Locator | None = None, giving=None) -> None:
+                 locator: Locator | None = None, stitch_failure=None) -> None:
         self.model, self.integrator, self.meter, self.control, self.locator = model, integrator, meter, control, locator
         self._accepting = [force for force in meter.forces if force.follows_steps]
         self._recording = [force for force in meter.forces if force.does("record")]
-        self.giving = giving  # a `giving.Giving` where anything is sewn
+        self.stitch_failure = stitch_failure  # a `stitch_failure.StitchFailure` where anything is sewn
         self.h = control.h_max
         self.quiet = 0
         self.start: Measures | None = None  # measures where the next step starts; None: to be measured
@@ -81,8 +81,8 @@ class Stepper(Checkpointed):
 
     def pull_firmer(self, factor: float) -> None:
         """Multiplies the force that closes open seams."""
-        if self.giving is not None:
-            self.giving.pull_firmer(factor)
+        if self.stitch_failure is not None:
+            self.stitch_failure.pull_firmer(factor)
             self.forget()
 
     def forget(self, contacts: bool = True) -> None:
@@ -125,7 +125,7 @@ class Stepper(Checkpointed):
                 troubles.append(self.locator.find(rejection or "", h, attempt.detail, attempt.place, held_at(t, h)))
             passes = rejection is None or (not control.adaptive and attempt.measures is not None
                                            and attempt.measures.finite)
-            if passes and self.giving is not None and self.giving.gives():
+            if passes and self.stitch_failure is not None and self.stitch_failure.gives():
                 self.start = self._measured(t)  # a stitch broke: again with it open, from the start that `gives` restored
                 continue
             if passes:
@@ -134,7 +134,7 @@ class Stepper(Checkpointed):
             assert rejection is not None
             self.model.restore()
             rejections[rejection] = rejections.get(rejection, 0) + 1
-            if self.giving is not None and self.giving.take_back():
+            if self.stitch_failure is not None and self.stitch_failure.take_back():
                 self.start = self._measured(t)
             if not control.adaptive or h / 2 < control.h_min:
                 raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections, troubles), rejection, t)
@@ -199,11 +199,12 @@ class Stepper(Checkpointed):
         measures = attempt.measures
         assert measures is not None
         ledger, taken = attempt.ledger, 0.0
-        torn, opened, intersections = (0.0, 0, attempt.known_intersections) if self.giving is None else self.giving.commit()
+        failure = self.stitch_failure
+        torn, opened, intersections = (0.0, 0, attempt.known_intersections) if failure is None else failure.commit()
         if torn and ledger is not None:
             ledger = replace(ledger, potential=ledger.potential - torn, torn=torn)
         changed = [force.accept(h) for force in self._accepting]  # each is asked
-        changed.append(self.giving is not None and self.giving.join())
+        changed.append(self.stitch_failure is not None and self.stitch_failure.join())
         if any(changed):
             before, now = measures, self.meter.measure()
             taken = before.potential - before.energies.get("contact", 0.0) - now.potential

@@ -22,8 +22,10 @@ import numpy as np
 from ..backend.rows import read, write
 from ..errors import SceneError
 
-VERSION = 13  # of checkpoints' content
+VERSION = 14  # of checkpoints' content
 BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
+RENAMED = {"was": "least_before", "firmness": "adaptive_stiffness", "boost": "scale", "lips": "opened_seams",
+           "foresight": "forcing_terms", "growth": "thickness_ramp", "debt": "accumulated_gain"}  # by 14
 
 
 class Checkpointed:
@@ -78,7 +80,7 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
     if not BEFORE <= version < VERSION:
         raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from versions {BEFORE} to "
                          f"{VERSION}")
-    state = {key: array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
+    state = {_now(key): array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
     if version > BEFORE:
         return {**state, "version": np.array(VERSION)}
     of_force = below("gas", state)
@@ -90,6 +92,12 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
     ended = state.get("step.measured", np.array("null"))
     return {**out, "version": np.array(VERSION), "integrator": np.array(integrator), "felt": np.array(""),
             "step.last": ended, "step.dropped": np.array(0.0)}
+
+
+def _now(key: str) -> str:
+    """A name of an older version as it is now."""
+    root, *rest = key.split(".")
+    return ".".join([root, *(RENAMED.get(name, name) for name in rest)]) if root in ("contacts", "integrator") else key
 
 
 def unknown(state: dict[str, np.ndarray], parts: dict[str, Any], besides: Iterable[str]) -> list[str]:

@@ -126,7 +126,7 @@ class Stitches(Checkpointed):
         gap = np.maximum(*(np.linalg.norm(q[a] - q[b], axis=1) for q in (x, before)))
         return np.where(gap > TOGETHER, 0.0, out)
 
-    def giving(self, tension: np.ndarray) -> np.ndarray:
+    def overloaded(self, tension: np.ndarray) -> np.ndarray:
         """(k,) whether stitches give under a tension (n, 3) [N]: of overloaded ones in a row only the most loaded gives."""
         part = self.loads(tension) / self.bears
         most = part.copy()

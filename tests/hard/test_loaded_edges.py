@@ -5,7 +5,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.pairs import BORNE, FIRMEST, GIVE, SOFTER, TIMES, Firmness
+from taichi_cloth.contact.solid.pairs import BORNE, FIRMEST, GIVE, SOFTER, TIMES, LoadStiffness
 
 T, DEPTH, DOWN = 0.003, 0.04, 0.3
 
@@ -51,7 +51,7 @@ def test_what_bore_a_load_is_let_go_without_a_push():
     with made() as sim:
         for _ in range(30):
             sim.step()
-        firm = sim.contacts.solids.firmness
+        firm = sim.contacts.solids.adaptive_stiffness
         assert len(firm.accepted.key) > 3 and (firm.accepted.stiffness > 100).all()
         state = sim.checkpoint()
         given, had, before = 0.0, sim.log[-1].energies, len(sim.log)
@@ -72,7 +72,7 @@ def test_what_bore_a_load_is_let_go_without_a_push():
 def test_stiffness_by_load():
     """What ends too near some solves running gets what its load needs, then four times more each time; what pulls gets none;
     the rest fades."""
-    firm, key = Firmness(), np.array([3, 5, 9])
+    firm, key = LoadStiffness(), np.array([3, 5, 9])
     load, reach, least, none = np.array([0.1, -0.1, 0.05]), np.full(3, 1e-3), np.full(3, 8.0), np.zeros(3, dtype=bool)
     for times in (TIMES - 1, TIMES):
         assert firm.bear(none, key, load, reach, least) == 0 and not len(firm.trial.key)

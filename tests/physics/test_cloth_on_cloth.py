@@ -79,7 +79,7 @@ def test_solves_that_others_follow_are_preliminary(monkeypatch):
 
     def judged(step, k, part, measures):
         if k == 0:
-            steps.append((step.contacts.foresight.rounds, step.contacts.hindered, step.solutions, []))
+            steps.append((step.contacts.forcing_terms.rounds, step.contacts.hindered, step.solutions, []))
         steps[-1][3].append(part)
         so = part < 1 or step.contacts.solids.unsettled > 0.1 * step.contacts.count
         went_on[len(steps) - 1:] = [so or (k > 0 and went_on[-1])]
@@ -93,7 +93,7 @@ def test_solves_that_others_follow_are_preliminary(monkeypatch):
                 sim.contacts.layers.release_around(np.arange(20))
                 free = first
             if frame >= 30:  # whatever the steps before were
-                sim.contacts.foresight.rounds = 2
+                sim.contacts.forcing_terms.rounds = 2
             sim.step(1 / 60)
             tangled += [hindered for _, hindered, _, _ in steps[first:] if frame >= 30]
     told = [([s.preliminary for s in solutions[len(solutions) - len(parts):]], parts, rounds, hindered)

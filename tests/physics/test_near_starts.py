@@ -79,7 +79,7 @@ def test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit():
         return tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
 
     with made() as sim:
-        growth = sim.contacts.solids.growth
+        growth = sim.contacts.solids.thickness_ramp
         parts = [growth.part.min()]
         for _ in range(2):
             sim.step()
@@ -92,7 +92,7 @@ def test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit():
     assert parts[0] < 0.2 and (np.diff(parts) > 0).all()
     with made() as again:
         again.resume(state)
-        assert again.contacts.solids.growth.part.min() == parts[2]
+        assert again.contacts.solids.thickness_ramp.part.min() == parts[2]
         for _ in range(3):
             again.step()
         assert (again.positions() == x).all()

@@ -23,7 +23,7 @@ from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.cloth.untangle import Intersections
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
-from taichi_cloth.contact.step_start import Foresight
+from taichi_cloth.contact.step_start import ForcingTerms
 from taichi_cloth.scene.intersections import self_crossings
 from taichi_cloth.step.nonlinear.layer_contact import LATER, LayerStep
 from taichi_cloth.system.state import ParticleState
@@ -433,7 +433,8 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
     solids = SimpleNamespace(holds=lambda: None, unsettled=0, ends_deep=lambda: False)
-    step.contacts = SimpleNamespace(count=0, solids=solids, foresight=Foresight(), stop_short=lambda: stopped.append("solids"))
+    step.contacts = SimpleNamespace(count=0, solids=solids, forcing_terms=ForcingTerms(),
+                                    stop_short=lambda: stopped.append("solids"))
     step.preliminary = False
     step.clock, step.agrees, step.released = Clock(), True, False
     step.solutions, step.conclude = [], lambda measures, early=False: None
@@ -448,7 +449,7 @@ def test_no_step_of_layers_ends_with_a_preliminary_solve():
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12)
     solids = SimpleNamespace(unsettled=0, ends_deep=lambda: False)
-    step.contacts = SimpleNamespace(count=0, solids=solids, foresight=Foresight())
+    step.contacts = SimpleNamespace(count=0, solids=solids, forcing_terms=ForcingTerms())
     step.clock, step.agrees, step.released, step.preliminary = Clock(), True, False, True
     step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended
@@ -462,7 +463,7 @@ def test_contacts_with_solids_that_still_change_do_so_in_the_next_step(k, deep, 
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12, release_beside=lambda held: False)
     solids = SimpleNamespace(unsettled=1, holds=lambda: None, ends_deep=lambda: deep)
-    step.contacts = SimpleNamespace(count=9, solids=solids, foresight=Foresight())
+    step.contacts = SimpleNamespace(count=9, solids=solids, forcing_terms=ForcingTerms())
     step.clock, step.agrees, step.released, step.preliminary = Clock(), False, False, False
     step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended
@@ -535,7 +536,7 @@ def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
     before = gaps()
     edge, other = (n + a.mesh.groups[name] for name in ("left", "right"))
     near = n + np.flatnonzero(x[n:, 0] < x[n:, 0].min() + 0.05)
-    layers.was = 0.9
+    layers.least_before = 0.9
     assert before[edge] == pytest.approx(0.1, abs=0.02) and before.min() == layers.least
     nothing, below = np.zeros(sim.model.n, dtype=bool), np.zeros(sim.model.n, dtype=bool)
     below[particle[:n]] = True
@@ -558,7 +559,7 @@ def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
     assert layers.release_beside(below) and (gaps()[edge] > before[edge] + 0.01).all()
     layers.waive(nothing, np.zeros(0, dtype=int))
     rest(edge)
-    layers.was = -1.0  # it was nearer before the step
+    layers.least_before = -1.0  # it was nearer before the step
     assert not layers.release_beside(nothing)
     sim.close()
 
@@ -595,7 +596,7 @@ def test_what_starts_too_near_and_parts_is_not_too_near(began, ended, too_near):
         return x
 
     sim.set_state(at(began), 0 * x)
-    layers.was = 0.9
+    layers.least_before = 0.9
     sim.model.write(at(ended), 0 * x)
     layers.detector.cover()
     layers.look()
@@ -622,7 +623,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     sim.set_state(x, v)
     sim.step()
     layers, states = sim.contacts.layers, []
-    layers.firmness.boost = rng.choice([1.0, 3.0], size=sim.model.n)
+    layers.adaptive_stiffness.scale = rng.choice([1.0, 3.0], size=sim.model.n)
     layers.intersections.release(rng.choice(sim.model.n, 30, replace=False))
     layers.detector.let_rest(layers.intersections.resting)
     for k in range(3):
@@ -643,7 +644,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     for state, whole in zip(states, wholes):
         again.resume(state)
         assert np.array_equal(end(again), whole)
-        for name, other in (("kept.force", 0.0), ("firmness.boost", 1.0), ("intersections.until", 0.0),
+        for name, other in (("kept.force", 0.0), ("adaptive_stiffness.scale", 1.0), ("intersections.until", 0.0),
                             ("intersections.firm", 1.0), ("intersections.rows", None)):
             changed = {f"contacts.layers.{name}": other}
             if other is None:  # no crossing
@@ -653,7 +654,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
             decides.setdefault(name, []).append(not np.array_equal(end(again), whole))
     assert all(map(any, decides.values())), decides
     again.resume(states[1])  # what it went through in between has left nothing behind
-    assert again.contacts.layers.was == states[1]["contacts.layers.was"] < 1
+    assert again.contacts.layers.least_before == states[1]["contacts.layers.least_before"] < 1
     assert np.array_equal(end(again), wholes[1])
     again.close()
 

@@ -12,7 +12,7 @@ from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
 from taichi_cloth.contact.cloth import barrier as repulsion
-from taichi_cloth.contact.cloth.contact_pairs import Firmness
+from taichi_cloth.contact.cloth.contact_pairs import AdaptiveStiffness
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, LED, OWN, POTENTIAL, RUBBED, STIFF
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
@@ -260,15 +260,15 @@ def reference_pairs(sim, p, at, x_0, boost) -> dict:
 def test_energy_has_that_of_repulsion_as_the_log_has_it(monkeypatch):
     """Of a sheet that falls on another, and its pairs' energy worked out from positions."""
     scene, mesh, stiffer = tc.Scene(gravity=None), tc.grid(0.3, 8), []
-    monkeypatch.setattr(Firmness, "stiffen", lambda firmness, pairs, stiffen=Firmness.stiffen: stiffer.append(1)
-                        or stiffen(firmness, pairs))
+    monkeypatch.setattr(AdaptiveStiffness, "stiffen", lambda stiffness, pairs, stiffen=AdaptiveStiffness.stiffen:
+                        stiffer.append(1) or stiffen(stiffness, pairs))
     for friction, up in ((0.2, 0.0), (0.7, 0.02)):
         scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500), tc.Shear(50)), mesh.x + [0.003, up, 0.002],
                         [0.0, -up / 0.02, 0.0], contact=tc.ClothContact(0.005, friction))
     with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
         layers, met = sim.contacts.layers, 0
         for _ in range(6):
-            boost = layers.firmness.boost.copy()
+            boost = layers.adaptive_stiffness.scale.copy()
             stiffer.clear()
             record = sim.step()
             assert sim.energy() == pytest.approx(record.energies, rel=1e-12, abs=1e-15)
@@ -293,7 +293,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     layers.clear()
     layers.intersections.resting[:] = layers.intersections.active = False  # what passes through counts like all else
     layers.detector.let_rest(layers.intersections.resting)
-    layers.firmness.boost = rng.choice([1.0, 4.0], size=model.n)
+    layers.adaptive_stiffness.scale = rng.choice([1.0, 4.0], size=model.n)
     x_0, v_0 = model.read_particles()
     model.save()
     ends = [x_0 + 0.005 * rng.normal(size=x_0.shape) for _ in range(3)]
@@ -306,7 +306,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     bore: dict = {}
     for k in range(3):
         p = layers.near
-        pairs = reference_pairs(sim, p, model_at, x_0, layers.firmness.boost)
+        pairs = reference_pairs(sim, p, model_at, x_0, layers.adaptive_stiffness.scale)
         base = x_0 if k == 0 else model_at
         there = model_at
         model.write_particles(model_at, v_0)
@@ -364,16 +364,17 @@ def test_solves_are_told_what_the_reference_says(rng):
         assert np.abs(layers.forces() - forces).max() < 1e-6 * np.abs(forces).max()
         before = Solve(pairs, taken)
     energy = sum(q.stiff * ref.repulsion(q.end, q.r)[0]
-                 for q in reference_pairs(sim, layers.near, model_at, x_0, layers.firmness.boost).values())
+                 for q in reference_pairs(sim, layers.near, model_at, x_0, layers.adaptive_stiffness.scale).values())
     assert layers.energy == pytest.approx(energy, rel=1e-9) and layers.count == len(layers.near.end)
     assert slid > 20 and stuck > 100 and new > 20
     # what ends with less than .3 of its room gets stiffer, with more than .7 softer again: by as much a usual step, half here
-    p, boost, room = layers.near, layers.firmness.boost, np.full(model.n, np.inf)
+    p, boost, room = layers.near, layers.adaptive_stiffness.scale, np.full(model.n, np.inf)
     for v, part in zip(p.vertices, (p.end / p.radius - 0.2) / 0.8):
         room[v] = np.minimum(room[v], part)
     expected = np.where(room < 0.3, np.minimum(2 * boost, 64), np.where(room > 0.7, np.maximum(0.8**0.5 * boost, 1), boost))
     layers.commit()
-    assert np.allclose(layers.firmness.boost, expected, rtol=1e-12) and {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
+    assert np.allclose(layers.adaptive_stiffness.scale, expected, rtol=1e-12)
+    assert {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
     sim.close()
 
 
@@ -387,7 +388,7 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
         layers.points(x)
         layers.record_forces()
         layers.look()
-    layers.was = layers.least
+    layers.least_before = layers.least
     assert layers.settled() and layers.count > 20
     taken = layers.linearized.taken
     taken[BEARS] *= 0.5

@@ -8,6 +8,7 @@ from reference.energy import energies
 
 import taichi_cloth as tc
 from taichi_cloth.step.ledger import totals
+from taichi_cloth.system.checkpoint import VERSION, understood
 
 CLOTH = {"density": 0.15, "stretch": 1000.0, "bend": 5e-5}
 EDITS = {"nothing": {}, "softer": {"stretch": 100.0}, "stiffer": {"stretch": 2e4}, "bent": {"bend": 5e-2},
@@ -100,5 +101,17 @@ def test_a_checkpoint_of_versions_before_is_understood():
             sim.resume(before)
             sim.step()
             assert (sim.positions() == x).all()
-        with pytest.raises(tc.SceneError, match="version 10, .* from versions 11 to 13"):
+        with pytest.raises(tc.SceneError, match="version 10, .* from versions 11 to 14"):
             sim.resume({**old, "version": np.array(10)})
+
+
+def test_names_of_version_13_are_read_as_they_are_now():
+    """Those of contacts and methods; forces and particles keep theirs."""
+    old = {"contacts.layers.was": 1, "contacts.layers.firmness.boost": 2, "contacts.solids.growth.part": 3,
+           "contacts.foresight.rounds": 4, "integrator.accurate.debt": 5, "force.Own.0.was": 6, "particles.boost": 7}
+    now = understood({"version": np.array(13), **old}, "safe", ["Own.0"])
+    assert now.pop("version") == VERSION == 14
+    assert list(now) == ["contacts.layers.least_before", "contacts.layers.adaptive_stiffness.scale",
+                         "contacts.solids.thickness_ramp.part", "contacts.forcing_terms.rounds",
+                         "integrator.accurate.accumulated_gain", "force.Own.0.was", "particles.boost"]
+    assert list(now.values()) == list(old.values())

@@ -9,8 +9,8 @@ ROOT = pathlib.Path(__file__).parents[2]
 PACKAGE = ROOT / "taichi_cloth"
 
 ROOMS = ("colornames", "renamed", "errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact",
-         "solver", "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "live", "app",
-         "__main__", "__init__")
+         "solver", "tearing", "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "live",
+         "app", "__main__", "__init__")
 NUMPY_ONLY = {"colornames", "renamed", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
               "backend.placement", "backend.quota", "backend.compiler", "backend.interrupts", "system.elements",
               "system.quantities", "step.ledger", "app.scenefile", "app.recorded",

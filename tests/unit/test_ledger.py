@@ -195,7 +195,7 @@ def test_a_twisted_sheet_gains_nothing(integrator, part):
 
 
 def test_slowing_down_keeps_momenta_and_what_is_held(rng):
-    from taichi_cloth.step.nonlinear.energy import Brake
+    from taichi_cloth.step.nonlinear.energy import KineticEnergyCorrection
 
     scene = tc.Scene(gravity=None)
     for shift in (0.0, 3.0):
@@ -203,14 +203,14 @@ def test_slowing_down_keeps_momenta_and_what_is_held(rng):
         scene.add_cloth(mesh, fabric(), mesh.x + [shift, 0, 0], velocities=rng.normal(size=mesh.x.shape))
     sim = tc.Simulation(scene)
     m, x, v = masses(sim)[:, None], sim.positions(), sim.velocities()
-    assert Brake(sim.model, scene).take(0.05, None)
+    assert KineticEnergyCorrection(sim.model, scene).take(0.05, None)
     slow = sim.velocities()
     assert np.sum(m * (v**2 - slow**2)) / 2 == pytest.approx(0.05, rel=1e-10)
     for mine in (slice(0, 16), slice(16, 32)):
         for moment in (lambda u: m[mine] * u[mine], lambda u: np.cross(x[mine], m[mine] * u[mine])):
             np.testing.assert_allclose(moment(slow).sum(axis=0), moment(v).sum(axis=0), atol=1e-13)
     assert (sim.positions() == x).all()
-    assert not Brake(sim.model, scene).take(1e3, None) and (sim.velocities() == slow).all()
+    assert not KineticEnergyCorrection(sim.model, scene).take(1e3, None) and (sim.velocities() == slow).all()
     sim.close()
 
 

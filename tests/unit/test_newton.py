@@ -53,7 +53,7 @@ def taken(sheet, x: np.ndarray, v: np.ndarray | None = None) -> float:
 @pytest.mark.parametrize("speed, k, k_d, most", [(5, 5000, 5, 12), (15, 5000, 5, 14)])
 def test_forces_come_to_balance_and_damping_is_what_they_say(monkeypatch, speed, k, k_d, most):
     """From far away in a few iterations, and at last by the square of how far they are off; and the step's ledger has it."""
-    from taichi_cloth.step.nonlinear.system import System
+    from taichi_cloth.step.nonlinear.linear_system import System
 
     sheet, seen = study.Sheet(CELLS, speed, k, k_d), []
     sim = simulation(sheet, integrator="newton_euler", cg_tol=1e-8, newton_tol=1e-10, newton_max=40)

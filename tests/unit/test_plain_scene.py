@@ -8,8 +8,8 @@ import sys
 import pytest
 
 ABSENT = ("forces.gas", "forces.hysteresis", "forces.curvature_bend", "forces.curvature_hysteresis", "forces.closing",
-          "forces.loads", "forces.local_drag", "forces.stress", "system.enclosures", "system.stitches", "step.giving",
-          "step.tearing", "contact", "contact.contacts", "output.recording")
+          "forces.loads", "forces.local_drag", "forces.stress", "system.enclosures", "system.stitches",
+          "tearing.stitch_failure", "tearing.tears", "contact", "contact.contacts", "output.recording")
 CODE = """
 import json, sys
 import taichi_cloth as tc
@@ -25,7 +25,7 @@ print(json.dumps({
     "loaded": loaded, "forces": [type(f).__name__ for f in sim.force_terms], "remembers": bend.has_extra_torque,
     "follows": any(force.follows_steps for force in sim.force_terms),
     "energies": sorted(sim.energy()), "ledger": sorted(record.ledger), "stiffens": membrane.stiffening is not None,
-    "sewn": sim.model.sewn is not None, "gives": sim.giving is not None, "remembered": len(sim.model.remembered),
+    "sewn": sim.model.sewn is not None, "gives": sim.stitch_failure is not None, "remembered": len(sim.model.remembered),
     "low_rank": sim.meter.operator.has_low_rank,
     "frame": sorted(recording.frame(sim)), "geometry": sorted(recording.geometry(sim)),
     "checkpoint": sorted(sim.checkpoint())}))

@@ -62,7 +62,7 @@ class CollisionMesh:
         self.sews, self.over_seams = model.sewn is not None, False
         if self.sews:
             self.joined = fields.integer(model.n, data=self.knots)  # particles that were one in the beginning
-            self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `Lips`
+            self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `OpenedSeams`
             self._keep_sewn_shape(fields, given)
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)

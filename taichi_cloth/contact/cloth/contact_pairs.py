@@ -136,25 +136,25 @@ class Comparison:
         return self.took.repelled(self.measured[GAP])
 
 
-class Firmness(Checkpointed):
+class AdaptiveStiffness(Checkpointed):
     """How much stiffer than their law pairs are: by factors of their n particles.
 
     Pairs that a step leaves with little room get stiffer, from step to step, and within a step that would not pass else. Pairs
     with much room get softer again.
 
     Attributes:
-        boost: (n,) factors from step to step; more: (n,) as many times as much within this attempt.
+        scale: (n,) factors from step to step; more: (n,) as many times as much within this attempt.
     """
 
-    STATE = ("boost",)
+    STATE = ("scale",)
 
     def __init__(self, n: int) -> None:
-        self.boost, self.more = np.ones(n), np.ones(n)
+        self.scale, self.more = np.ones(n), np.ones(n)
 
     @property
     def factors(self) -> np.ndarray:
         """(n,) in this attempt."""
-        return np.minimum(self.boost * self.more, STIFFEST)
+        return np.minimum(self.scale * self.more, STIFFEST)
 
     def begin(self) -> None:
         """A new attempt."""
@@ -166,12 +166,12 @@ class Firmness(Checkpointed):
 
     def commit(self, p: ContactPairs, share: float) -> None:
         """A step, so much of a usual one, was accepted and ended with those pairs."""
-        part, boost = np.full(len(self.boost), np.inf), self.factors
+        part, boost = np.full(len(self.scale), np.inf), self.factors
         np.minimum.at(part, p.vertices, np.broadcast_to(p.room[:, None], p.vertices.shape))
-        self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * boost, STIFFEST),
+        self.scale = np.where(part < CLOSE, np.minimum(STIFFER**share * boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * boost, 1.0), boost))
         self.begin()
 
     def clear(self) -> None:
         """The state was changed from outside."""
-        self.boost[:] = 1.0
+        self.scale[:] = 1.0

@@ -28,7 +28,7 @@ from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR
 from .broad_phase import ROUNDING
-from .contact_pairs import CLOSE, Comparison, ContactPairs, Firmness, LinearizedPairs
+from .contact_pairs import CLOSE, AdaptiveStiffness, Comparison, ContactPairs, LinearizedPairs
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
@@ -52,15 +52,15 @@ class Layers(Checkpointed):
 
     Attributes:
         count: pairs in contact after the last solve; energy: of their repulsion [J].
-        least: smallest distance of any pair over that which it should keep, 1 where none is in contact; was: that of the
-            last step.
+        least: smallest distance of any pair over that which it should keep, 1 where none is in contact; least_before: that
+            of the last step.
         unsettled: pairs whose force was not as the last solve took it.
-        firmness: how much stiffer pairs are than their law.
+        adaptive_stiffness: how much stiffer pairs are than their law.
         waived: (n,) particles that solids pinch, whose pairs are disabled; freed: whether any is no longer pinched.
     """
 
     ROUNDS = 12
-    STATE = ("kept", "count", "energy", "was", "firmness", "detector", "intersections", "lips")
+    STATE = ("kept", "count", "energy", "least_before", "adaptive_stiffness", "detector", "intersections", "opened_seams")
     floor, kind = FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
@@ -75,13 +75,13 @@ class Layers(Checkpointed):
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
         self.gravity = scene.gravity
-        self.firmness = Firmness(model.n)
+        self.adaptive_stiffness = AdaptiveStiffness(model.n)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
-        self.lips: Any = None
+        self.opened_seams: Any = None
         if model.sewn is not None:
-            from .lips import Lips
+            from .opened_seams import OpenedSeams
 
-            self.lips = Lips(model, d.mesh)
+            self.opened_seams = OpenedSeams(model, d.mesh)
         self.kept = NOTHING  # normal forces of pairs in the last accepted step
         self.linearized: LinearizedPairs | None = None
         self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
@@ -90,7 +90,7 @@ class Layers(Checkpointed):
         self.predicted = nowhere  # positions at which an attempt's first solve has the pairs
         self.round = 0  # solves of the attempt
         self.blocking = self.detector.candidates  # pairs that a collision-free step stops at
-        self.count, self.energy, self.least, self.was, self.unsettled = 0, 0.0, 1.0, 1.0, 0
+        self.count, self.energy, self.least, self.least_before, self.unsettled = 0, 0.0, 1.0, 1.0, 0
         self.watch = Stopwatch()
 
     @property
@@ -114,7 +114,7 @@ class Layers(Checkpointed):
     def begin(self, start: StepStart, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start = start
-        self.firmness.begin()
+        self.adaptive_stiffness.begin()
         self.round, self.predicted, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.paths.begin()
         if guess:
@@ -227,13 +227,13 @@ class Layers(Checkpointed):
 
     def _too_near(self) -> np.ndarray:
         """(k,) pairs that approached and end nearer than a step may leave them. A pair that opens may begin nearer."""
-        p, was = self.near, (self.was - FLOOR) / (1 - FLOOR)
+        p, was = self.near, (self.least_before - FLOOR) / (1 - FLOOR)
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _stiffen(self) -> None:
         """Pairs with little room left get stiffer within the step."""
-        self.firmness.stiffen(self.near)
+        self.adaptive_stiffness.stiffen(self.near)
         self._weighed = None
         self.energy = self._energy(self.near)
 
@@ -248,9 +248,9 @@ class Layers(Checkpointed):
             again = resting & ~self.intersections.resting
             if again.any():
                 self._release_stuck(again)
-        self.was = self.least
+        self.least_before = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
-        self.firmness.commit(p, self.start.share)
+        self.adaptive_stiffness.commit(p, self.start.share)
         self._weighed = None
         self.energy = self._energy(p)  # the next step begins with it
 
@@ -259,7 +259,7 @@ class Layers(Checkpointed):
         """Counts crossings where the model now is. If not `everywhere`, after a step, only among disabled particles: each
         crossing has one on either side."""
         alone = self.intersections.resting | self.waived | self._were_waived
-        all_of_it = everywhere or (self.lips is not None and self.lips.growing)
+        all_of_it = everywhere or (self.opened_seams is not None and self.opened_seams.growing)
         self.intersections.look(self.model.read_particles()[0], None if all_of_it else alone)
 
     @timed
@@ -271,14 +271,15 @@ class Layers(Checkpointed):
     def part(self, whole: np.ndarray) -> None:
         """After a step, with the stitches (k,) that are whole: both sides of broken ones repel at the distance they now have.
         Those that were in one place may pass through each other. That counts as tangled, and is left to open by itself."""
-        self.detector.fresh &= not self.lips.part(whole)
-        if self.lips.growing:
-            self.lips.grow(self.detector.apart())
-            self.intersections.look(self.model.read_particles()[0], None if self.intersections.active else self.lips.short)
+        self.detector.fresh &= not self.opened_seams.part(whole)
+        if self.opened_seams.growing:
+            self.opened_seams.grow(self.detector.apart())
+            short = None if self.intersections.active else self.opened_seams.short
+            self.intersections.look(self.model.read_particles()[0], short)
 
     def join(self, whole: np.ndarray) -> None:
         """Between steps, with the stitches (k,) that hold or are drawn together: their sides are one surface."""
-        self.detector.fresh &= not self.lips.join(whole)
+        self.detector.fresh &= not self.opened_seams.join(whole)
 
     def release(self) -> bool:
         """Disables the pairs that allow no collision-free step for a while: they count as pinched. Returns whether any are."""
@@ -312,7 +313,7 @@ class Layers(Checkpointed):
         """Disables the pairs that start so near that they are as good as tangled, for a while."""
         self._release_stuck(np.ones(self.model.n, dtype=bool))
         self.look()
-        self.was = self.least
+        self.least_before = self.least
 
     def _release_stuck(self, which: np.ndarray) -> None:
         """Disables pairs of the given particles (n,) that are so close that no step could be accepted, for a while."""
@@ -354,7 +355,7 @@ class Layers(Checkpointed):
     def clear(self) -> None:
         """The state was changed from outside."""
         self.kept, self.linearized, self._weighed = NOTHING, None, None
-        self.firmness.clear()
+        self.adaptive_stiffness.clear()
         self.model.save()
         self.intersections.until[:] = 0
         self.count_tangled()
@@ -363,7 +364,7 @@ class Layers(Checkpointed):
         self.detector.paths.begin()
         self.detector.cover()
         self.look()
-        self.was = self.least
+        self.least_before = self.least
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
@@ -376,7 +377,7 @@ class Layers(Checkpointed):
             out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
                 self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor,
-                                      self.firmness.factors, self.start.h, out, turns)
+                                      self.adaptive_stiffness.factors, self.start.h, out, turns)
             self._weighed = p, out, turns
         return self._weighed[1:]
 

@@ -49,7 +49,7 @@ class Springs(Layers):
     def commit(self) -> None:
         """The step was accepted: where it ended, the next begins."""
         super().commit()
-        self.firmness.clear()
+        self.adaptive_stiffness.clear()
         self.here = self.near
 
     def clear(self) -> None:

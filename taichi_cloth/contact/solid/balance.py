@@ -133,7 +133,7 @@ class Balance:
         if self.held is not None:
             b[self.held.index] -= reaction
         points = solids.sliding.points
-        points.spread(-c * points.forces(solids.near.there - base, c), b)
+        points.spread(-c * points.forces(solids.near.end_positions - base, c), b)
         taken = solids.active.holding.forces(solids.active.contacts, reaction)
         return self.assess(b, v, taken, taken, fixed=self.k >= MET and not self.start.together)
 
@@ -234,7 +234,7 @@ class Balance:
     def _where_met(self, f: VertexContacts, slip: np.ndarray) -> tuple[VertexContacts, np.ndarray]:
         """Contacts that were known, by the planes with which they were first met."""
         new = ~np.isin(f.key, self.f.key)
-        there = self.solids.near.there[self.f.index]
+        there = self.solids.near.end_positions[self.f.index]
         away = there - self.f.carried
         gap = np.einsum("ki,ki->k", away, self.f.normal) + self.f.start_gap
         known = replace(self.f, gap=gap)

@@ -116,7 +116,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
 
     Args:
         mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.
-        firm: (k,) further stiffness [N/m] by which it is held where it began, or at CLOSE: see `Firmness`.
+        firm: (k,) further stiffness [N/m] by which it is held where it began, or at CLOSE: see `LoadStiffness`.
     """
     h, c = step.h, step.c
     own = inertia(p, mass)
@@ -177,8 +177,8 @@ class Firm:
         return np.where(row >= 0, self.stiffness[row], 0.0) if len(self.key) else np.zeros(len(key))
 
 
-class Firmness(Checkpointed):
-    """Firmness of the pairs of a model's cloth with solids.
+class LoadStiffness(Checkpointed):
+    """LoadStiffness of the pairs of a model's cloth with solids.
 
     Attributes:
         accepted: with which the last accepted step ended; trial: in this attempt.

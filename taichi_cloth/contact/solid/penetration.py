@@ -14,7 +14,7 @@ from ...system.held import pinned_particles
 from ..points import among
 from ..step_start import StepStart
 from .pairs import LEAST, PAIR, Pairs, left
-from .query import Nearby, Scanner
+from .query import ContactCandidates, SolidCollisionDetector
 from .room import has_room, walls
 from .vertices import VertexContacts
 
@@ -37,7 +37,7 @@ class Penetration(Checkpointed):
 
     STATE = ("before", "spared", "raised")
 
-    def __init__(self, n: int, scan: Scanner) -> None:
+    def __init__(self, n: int, scan: SolidCollisionDetector) -> None:
         self.scan, self.thickness = scan, scan.thickness
         self.deep = np.where(scan.pokes, DEEPER, DEEP) * scan.thickness
         self.raised, self.most = np.zeros(n), HIGHEST * scan.edge
@@ -60,7 +60,7 @@ class Penetration(Checkpointed):
         moved_on = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
         return f.take((f.gap < 0) & (~among(held, f.key) | moved_on) & self.minded[f.index])
 
-    def left(self, near: Nearby, inside: VertexContacts, linearized: Pairs | None) -> tuple[int, bool]:
+    def left(self, near: ContactCandidates, inside: VertexContacts, linearized: Pairs | None) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether they or the contacts inside ended too deep).
 
         Args:
@@ -73,16 +73,16 @@ class Penetration(Checkpointed):
         minded = self._minded_pairs(near.pairs)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
-    def below_least(self, near: Nearby) -> np.ndarray:
+    def below_least(self, near: ContactCandidates) -> np.ndarray:
         """(k,) whether pairs end nearer than LEAST, and none of their particles is pinched."""
         assert near.pairs is not None
         return (near.pairs.distance < LEAST * PAIR * self.scan.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
 
-    def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> bool:
+    def may_shrink(self, start: StepStart, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
         if not start.small:
             return True
-        there = walls(near.vertices, near.pairs, near.there, self.thickness)
+        there = walls(near.vertices, near.pairs, near.end_positions, self.thickness)
         return bool(has_room(self.wrong(near, held, linearized), self.scan.faces, there, self.thickness, self.scan.yields,
                              pinned_particles(start.pins, len(self.spared))).any())
 
@@ -102,7 +102,7 @@ class Penetration(Checkpointed):
         across = self.scan.find_crossings(grown=True) if self.scan.rounded else self.crossed
         return len(across) + int(inside.sum())
 
-    def wrong(self, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> np.ndarray:
+    def wrong(self, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> np.ndarray:
         """(k, 3) particles of contacts and pairs that end too deep inside solids, too near to them or across."""
         inside = self.inside(near.vertices, held)
         deep = inside.index[inside.gap < -self.deep[inside.solid]]

@@ -19,7 +19,7 @@ from ...system.held import Held
 from ..points import EYE, Points, length, sym_outer, sym_times, tangential, unit
 from ..step_start import StepStart
 from .facing import FacingSurfaces, Sides
-from .query import Scanner
+from .query import SolidCollisionDetector
 from .room import FACING
 from .vertices import VertexContacts
 
@@ -99,7 +99,7 @@ class Pinches(Checkpointed):
 
     STATE = ("accepted",)
 
-    def __init__(self, n: int, particle: np.ndarray, scan: Scanner, scene: Scene) -> None:
+    def __init__(self, n: int, particle: np.ndarray, scan: SolidCollisionDetector, scene: Scene) -> None:
         self.scan, self.thickness = scan, scan.thickness
         self.between, self.area = np.zeros(n), np.zeros(n)
         for c in scene.cloths:

@@ -9,7 +9,7 @@ from ...scene.scene import Scene
 from ...scene.solids import MESH, Solid, SolidMesh
 from ...system.held import kernel_array
 from ...system.state import ParticleState
-from ..growth import Growth
+from ..growth import ThicknessRamp
 from ..points import tangential
 from .pairs import PAIR, Pairs
 from .tree import TriangleTree, smooth
@@ -19,16 +19,16 @@ SOLIDS = 65536  # more than a scene can have
 
 
 @dataclass(frozen=True)
-class Nearby:
+class ContactCandidates:
     """Contacts and pairs of cloth on its way from the saved state to where the model was.
 
     Attributes:
-        there: (n, 3) positions where it was [m].
+        end_positions: (n, 3) positions where it was [m].
         vertices: contacts of particles; slip: (k, 3) their velocity against the solid [m/s].
         pairs: with edges and corners of solids; None where none has any.
     """
 
-    there: np.ndarray
+    end_positions: np.ndarray
     vertices: VertexContacts
     slip: np.ndarray
     pairs: Pairs | None
@@ -38,16 +38,16 @@ class Nearby:
         """Whether there are pairs."""
         return self.pairs is not None and len(self.pairs.key) > 0
 
-    def without(self, pinched: np.ndarray, around: np.ndarray) -> "Nearby":
+    def without(self, pinched: np.ndarray, around: np.ndarray) -> "ContactCandidates":
         """But contacts of pinched particles (n,), and pairs of any that are around these (n,), themselves among them."""
         if not around.any():
             return self
         keep, pairs = ~pinched[self.vertices.index], self.pairs
         if pairs is not None:
             pairs = pairs.take(~around[pairs.own_vertices].any(axis=1))
-        return Nearby(self.there, self.vertices.take(keep), self.slip[keep], pairs)
+        return ContactCandidates(self.end_positions, self.vertices.take(keep), self.slip[keep], pairs)
 
-    def raised(self, by: np.ndarray) -> "Nearby":
+    def raised(self, by: np.ndarray) -> "ContactCandidates":
         """Particles (n,) are to be so much [m] further from solids, and pairs of them alone are none."""
         f, pairs = self.vertices, self.pairs
         if pairs is not None:
@@ -64,13 +64,13 @@ class StartsInside:
     solid: np.ndarray
 
 
-class Scanner:
+class SolidCollisionDetector:
     """Looks for contacts of a model's particles, edges and faces with a scene's solids.
 
     Attributes:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
-        growth: of the thickness that pairs go by, where they start nearer.
+        thickness_ramp: of the thickness that pairs go by, where they start nearer.
         inside: which particles started inside solids.
         faces: (m, 3) particles of the cloth's faces.
         pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; moves: whether
@@ -81,7 +81,7 @@ class Scanner:
         self.model, self.solids, self.exchange, self.time = model, scene.solids, model.exchange, 0.0
         self.thickness = np.array([s.thickness for s in self.solids])
         self.friction = np.array([s.friction for s in self.solids])
-        self.growth = Growth(model.n)
+        self.thickness_ramp = ThicknessRamp(model.n)
         none = np.zeros(0, dtype=np.int64)
         self.inside = StartsInside(none, np.zeros(0), none)
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
@@ -154,12 +154,12 @@ class Scanner:
 
     def begin(self) -> None:
         """Cloth starts where the model is: pairs that are nearer than they should be have a part of their thickness."""
-        self.growth.part[:] = 1.0
+        self.thickness_ramp.part[:] = 1.0
         if self.pairs is not None:
             self.model.save()
             self.set_time(self.time, 0.0)
             pairs = self.pairs.find(self.poses)
-            self.growth.begin(pairs.vertices, self.part_of(pairs))
+            self.thickness_ramp.begin(pairs.vertices, self.part_of(pairs))
 
     def set_time(self, t: float, h: float) -> None:
         """Poses of the solids at the two ends of the step from t to t + h [s]."""
@@ -175,10 +175,10 @@ class Scanner:
         R, p = solid.pose(t)
         return [*R.ravel(), *(p - self.model.origin)]
 
-    def look(self, h: float) -> Nearby:
+    def look(self, h: float) -> ContactCandidates:
         """Contacts and pairs of cloth on its way from the saved state to where the model now is, in a step of h [s]."""
         f, there = self.detect(), self.model.read_particles()[0]
-        return Nearby(there, f, tangential((there[f.index] - f.carried) / h, f.normal), self.find_pairs())
+        return ContactCandidates(there, f, tangential((there[f.index] - f.carried) / h, f.normal), self.find_pairs())
 
     def detect(self) -> VertexContacts:
         """Contacts of the particles on their way from the saved to the current positions."""
@@ -223,7 +223,7 @@ class Scanner:
     def kept_by(self, pairs: Pairs) -> np.ndarray:
         """(k,) thickness [m] that pairs go by."""
         thickness = self.thickness[pairs.solid]
-        return self.growth.of(pairs.vertices) * thickness if self.growth.active else thickness
+        return self.thickness_ramp.of(pairs.vertices) * thickness if self.thickness_ramp.active else thickness
 
     def part_of(self, pairs: Pairs) -> np.ndarray:
         """(k,) how far pairs are from each other over the distance they should keep in the end."""

@@ -22,10 +22,10 @@ from ...system.state import ParticleState
 from ..points import Points, rows_of
 from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
-from .pairs import PAIR, PRESS, Firmness, Pairs, Step, inertia, press
+from .pairs import PAIR, PRESS, LoadStiffness, Pairs, Step, inertia, press
 from .penetration import Penetration
 from .pinch import Pinches
-from .query import Nearby, Scanner
+from .query import ContactCandidates, SolidCollisionDetector
 from .sliding import Sliding
 from .vertices import VertexContacts
 
@@ -55,7 +55,7 @@ class SolidContacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids.
 
     Attributes:
-        start: of the attempt; scan: looks for contacts; growth: of the thickness that pairs go by; penetration:
+        start: of the attempt; scan: looks for contacts; thickness_ramp: of the thickness that pairs go by; penetration:
             judges which particles are too deep; pinches: cloth that solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
@@ -65,20 +65,20 @@ class SolidContacts(Checkpointed):
         unsettled: contacts that do not agree with the last solve, where solves ended before all did.
     """
 
-    STATE = ("accepted", "penetration", "pinches", "growth", "firmness")
+    STATE = ("accepted", "penetration", "pinches", "thickness_ramp", "adaptive_stiffness")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
-        self.scan = Scanner(fields, model, scene)
-        self.growth = self.scan.growth
+        self.scan = SolidCollisionDetector(fields, model, scene)
+        self.thickness_ramp = self.scan.thickness_ramp
         self.penetration = Penetration(model.n, self.scan)
         self.pinches = Pinches(model.n, model.particle, self.scan, scene)
-        self.firmness = Firmness()
+        self.adaptive_stiffness = LoadStiffness()
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
         self.unsettled = 0
         self.pinned = np.zeros(model.n, dtype=bool)
-        self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
+        self.near = ContactCandidates(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
         self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
         self.linearized: Pairs | None = None
@@ -93,7 +93,7 @@ class SolidContacts(Checkpointed):
         self.trial, self.unsettled = self.accepted, 0
         self.penetration.crossed = self.penetration.before
         if self.scan.pairs is not None:
-            self.firmness.begin()
+            self.adaptive_stiffness.begin()
         near = self.scan.look(start.h)
         if self.pinches.possible:
             self.pinches.begin(start, near.vertices)
@@ -111,14 +111,14 @@ class SolidContacts(Checkpointed):
         """Contacts and pairs of cloth on its way to where it now is, and how fast it slips there."""
         self.near = self._minded(self.scan.look(self.start.h))
 
-    def _minded(self, near: Nearby) -> Nearby:
+    def _minded(self, near: ContactCandidates) -> ContactCandidates:
         """Without pinched particles; raised particles are measured from where they are to be."""
         near = near.without(self.pinches.where, self.pinches.around)
         return near.raised(self.penetration.raised) if self.penetration.raised.any() else near
 
     def stop_short(self) -> None:
         """The model went a part of its way only: edges and corners of solids are met as they are from there."""
-        near = replace(self.near, there=self.model.read_particles()[0], pairs=self.scan.find_pairs())
+        near = replace(self.near, end_positions=self.model.read_particles()[0], pairs=self.scan.find_pairs())
         self.near = replace(near, pairs=self._minded(near).pairs)
 
     @property
@@ -170,16 +170,16 @@ class SolidContacts(Checkpointed):
         """
         mass, start = self.model.mass, self.start
         if self.pinches.possible:
-            self.pinches.rub(start, self.near.there, base[1])
+            self.pinches.rub(start, self.near.end_positions, base[1])
         rubbing = [self.pinches.rubbing]
         if self.near.pairs is None:
             return rubbing
-        to_go = self._to_go() if led else np.zeros_like(self.near.there)
+        to_go = self._to_go() if led else np.zeros_like(self.near.end_positions)
         near = self.near.pairs.moved(to_go, PAIR * self.scan.kept_by(self.near.pairs))
         self.linearized = near
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
         self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
-                              self.firmness.trial.of(near.key))
+                              self.adaptive_stiffness.trial.of(near.key))
         return [*rubbing, self.pressing]
 
     def holds(self) -> np.ndarray:
@@ -195,9 +195,9 @@ class SolidContacts(Checkpointed):
 
     def _to_go(self) -> np.ndarray:
         """(n, 3) how far held particles have to go from where pairs were looked for."""
-        out, held = np.zeros_like(self.near.there), self.active.holding.held
+        out, held = np.zeros_like(self.near.end_positions), self.active.holding.held
         if held is not None:
-            out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.near.there[held.index])
+            out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.near.end_positions[held.index])
         return out
 
     def wanting(self) -> int:
@@ -215,7 +215,7 @@ class SolidContacts(Checkpointed):
         if self.start.pins is not None:  # no stiffness helps pairs that a script squeezes
             lost &= ~np.isin(near.vertices, self.start.pins.index).any(axis=1)
         lost = near.key[lost]
-        return self.firmness.bear(np.isin(taken.key, lost), taken.key, *self._borne(taken))
+        return self.adaptive_stiffness.bear(np.isin(taken.key, lost), taken.key, *self._borne(taken))
 
     def _borne(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pairs (k,) of the last solve: (load [N], range [m], stiffness of their law [N/m])."""
@@ -230,7 +230,7 @@ class SolidContacts(Checkpointed):
             base: (n, 3) positions with which the solve began [m].
         """
         f, states, h = self.active.contacts, self.active.states, self.start.c
-        moved = self.near.there - base
+        moved = self.near.end_positions - base
         F, normal = self.active.holding.forces(f, reaction / h)
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
@@ -256,7 +256,8 @@ class SolidContacts(Checkpointed):
         if self.pinches.possible:
             self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
-            self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h), at=self.linearized.of(self.near.there))
+            self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h),
+                                  at=self.linearized.of(self.near.end_positions))
 
     def ends_deep(self) -> bool:
         """Whether something ends too deep inside, in a step that can still be made smaller."""
@@ -292,7 +293,7 @@ class SolidContacts(Checkpointed):
             self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
         if self.linearized is not None:
-            self.firmness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
+            self.adaptive_stiffness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
         self._grow()
 
     def pass_by(self) -> None:
@@ -300,20 +301,20 @@ class SolidContacts(Checkpointed):
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
         self.penetration.pass_time(self.start.h)
-        self.firmness.clear()
+        self.adaptive_stiffness.clear()
         self._grow()
 
     def _grow(self) -> None:
         """Pairs that started nearer than their thickness have more of it after a step."""
-        if self.growth.active and self.near.pairs is not None:
-            self.growth.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs))
+        if self.thickness_ramp.active and self.near.pairs is not None:
+            self.thickness_ramp.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs))
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = self.penetration.raised[:] = 0
         self.pinches.clear()
-        self.firmness.clear()
+        self.adaptive_stiffness.clear()
         self.scan.begin()
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
 

@@ -49,7 +49,7 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
         from .verlet import Verlet
 
         return Verlet(fields, model, forces, meter, options.substep, runtime, scene)
-    from ..nonlinear.system import System
+    from ..nonlinear.linear_system import System
 
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):

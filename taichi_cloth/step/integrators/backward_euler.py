@@ -24,9 +24,9 @@ from ..attempt import Attempt
 from ..ledger import with_attachments
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
+from ..nonlinear.linear_system import System
 from ..nonlinear.newton import Effort
-from ..nonlinear.system import System
-from ..prescribed import Pump
+from ..prescribed import ExplicitTimeWork
 
 
 class BackwardEuler(Checkpointed):
@@ -37,7 +37,7 @@ class BackwardEuler(Checkpointed):
 
     def __init__(self, system: System, options: Options, effort: Effort | None = None) -> None:
         self.system, self.options, self.effort = system, options, effort
-        self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
+        self.contacts, self.energy, self.time_work = system.contacts, EnergyTest(system), ExplicitTimeWork(system.meter)
         self.dv = system.solver.dv  # of the last solve, from which contacts predict the next step
         self.policy = self._policy()
         if self.contacts is not None and options.contact_tol is not None and not self.contacts.sprung:
@@ -72,7 +72,7 @@ class BackwardEuler(Checkpointed):
         layers = None if contacts is None else contacts.layers
         before = 0.0 if layers is None else layers.seconds
         start, led = self.system.meter.led(start, 0.0)
-        start, pumped = self.pump.at_end(start)
+        start, pumped = self.time_work.at_end(start)
         made = self.policy.attempt(self._span(h), held, start, clock, solutions)
         ledger = made.ledger and replace(made.ledger, gas=pumped, potential=made.ledger.potential + pumped)
         if layers is not None:

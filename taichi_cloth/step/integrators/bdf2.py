@@ -29,8 +29,8 @@ from ...system.base import Base
 from ...system.held import Held
 from ..attempt import Attempt
 from ..nonlinear.history import HistoryEnergy
+from ..nonlinear.linear_system import System
 from ..nonlinear.newton import CALM, OTHERS, PART, PRELIMINARY, Effort
-from ..nonlinear.system import System
 from .backward_euler import BackwardEuler
 
 RATIO = 2.0  # largest step over the one before; BDF2 is stable up to 1 + sqrt 2

@@ -16,7 +16,7 @@ from ...system.assembler import Measures
 from ...system.checkpoint import Checkpointed
 from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
-from ..nonlinear.system import System
+from ..nonlinear.linear_system import System
 from .backward_euler import BackwardEuler
 from .tr_bdf2 import HORIZON, TRBDF2
 
@@ -80,9 +80,9 @@ class Safe(Checkpointed):
         self.last.commit(taken)
         if self.last is self.robust:
             self.mean = self.mean_1
-            debt = max(0.0, self.accurate.debt + self.gained - taken)
-            if not self.fresh or debt != self.accurate.debt:
-                self.accurate.reset(debt)
+            accumulated_gain = max(0.0, self.accurate.accumulated_gain + self.gained - taken)
+            if not self.fresh or accumulated_gain != self.accurate.accumulated_gain:
+                self.accurate.reset(accumulated_gain)
                 self.fresh = True
             self.touching = self.contacts is not None and self.contacts.touching
         else:

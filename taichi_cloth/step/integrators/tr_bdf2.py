@@ -34,9 +34,9 @@ from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, NEWTON, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages, with_attachments
 from ..nonlinear.history import DEBT, FALL, GAIN, LAPSE
+from ..nonlinear.linear_system import ROUNDING, System
 from ..nonlinear.newton import CALM, FIRST, HALVINGS, OTHERS, PART, Changes, Effort, Outcome, StepProblem, minimize
-from ..nonlinear.system import ROUNDING, System
-from ..prescribed import Pump
+from ..prescribed import ExplicitTimeWork
 
 C = 1 - math.sqrt(0.5)
 GAMMA = 2 - math.sqrt(2)
@@ -131,10 +131,10 @@ class TRBDF2(Checkpointed):
     """TR-BDF2 on a system."""
 
     stable_step = math.inf
-    STATE = ("a_0", "v_p", "c", "power", "debt", "motion", "known", "pins")
+    STATE = ("a_0", "v_p", "c", "power", "accumulated_gain", "motion", "known", "pins")
 
     def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
-        self.system, self.options, self.model, self.pump = system, options, system.model, Pump(system.meter)
+        self.system, self.options, self.model, self.time_work = system, options, system.model, ExplicitTimeWork(system.meter)
         n, self.blocks = self.model.n, self.model.blocks
         self.sums = Sums(fields, self.blocks.pieces, 1, not self.blocks.serial, dtype=system.solver.sum_type)
         self.a_0, self.v_g, self.a_g, self.v_p = (fields.real(n, 3) for _ in range(4))  # a_0 = F_0/M
@@ -145,7 +145,7 @@ class TRBDF2(Checkpointed):
         self.pins = NO_PINS  # particles and projectors, and soft attachments
         self.power = 0.0  # of the constraints [W] at the end of the last step
         self.power_1 = 0.0
-        self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
+        self.accumulated_gain = self.accumulated_gain_1 = 0.0  # [J] gained by steps and not lost again; after the attempt
         self.motion = self.motion_1 = 0.0  # largest kinetic energy [J] of late; after the attempt
         self.stiffens_sharply = any(force.stiffens_sharply for force in system.meter.forces)
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
@@ -172,7 +172,7 @@ class TRBDF2(Checkpointed):
         clock, c, system = Clock(), C * h, self.system
         solutions: list[Solution] = []
         with clock.part("EVAL"):
-            pumped = self.pump.around(held_at, h, start)
+            pumped = self.time_work.around(held_at, h, start)
         pins = held_at(0.0)
         fresh = self._remember(pins, c, clock)
         if self.rate is not None:
@@ -198,17 +198,17 @@ class TRBDF2(Checkpointed):
             before = 0.0 if self.rate is not None else self.power  # as a_0 implies; with f(x_0, v_0)/M nothing holds
             start, led = self.system.meter.led(start, 0.5)
             work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, power_1))),
-                        gas=self.pump.mean(held_at, h, stage.measures, pumped))
+                        gas=self.time_work.mean(held_at, h, stage.measures, pumped))
             lag = h * self._lag(c) - weights[1] * extra - weights[2] * extra_1
             ledger = three_stages(weights, (start, first.measures, stage.measures), work, lag)
             self.system.settle(held)
         measures = stage.measures
         ledger = with_attachments(ledger, led)
         over = gained(start, measures, work) - max(0.0, ledger.wind)
-        self.debt_1 = max(0.0, self.debt + over)
+        self.accumulated_gain_1 = max(0.0, self.accumulated_gain + over)
         scale, rounding = self._scale(h, start, measures), self.system.rounding(h, start, measures)
         spare = WORK * (abs(work.pins) + abs(led) + abs(ledger.wind)) + rounding
-        if over > GAIN * scale + spare or (over > rounding and self.debt_1 > DEBT * scale + spare):
+        if over > GAIN * scale + spare or (over > rounding and self.accumulated_gain_1 > DEBT * scale + spare):
             return Attempt(ENERGY, f"{over:.2g} J gained", measures, tuple(solutions), clock.seconds, ledger=ledger)
         error = None
         if self.options.tolerance is not None:
@@ -223,11 +223,12 @@ class TRBDF2(Checkpointed):
     def commit(self, taken: float = 0.0) -> None:
         """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         self.known, self.power, self.c, self.motion, self.rate = True, self.power_1, self.tried, self.motion_1, None
-        self.debt = max(0.0, self.debt_1 - taken)
+        self.accumulated_gain = max(0.0, self.accumulated_gain_1 - taken)
 
-    def reset(self, debt: float = 0.0) -> None:
-        """The state was changed by hand, or by another method that left a debt [J]."""
-        self.known, self.power, self.c, self.debt, self.motion, self.rate = False, 0.0, 0.0, debt, 0.0, None
+    def reset(self, accumulated_gain: float = 0.0) -> None:
+        """The state was changed by hand, or by another method that gained energy [J]."""
+        self.known, self.power, self.c, self.motion, self.rate = False, 0.0, 0.0, 0.0, None
+        self.accumulated_gain = accumulated_gain
 
     def loosen(self) -> None:
         """Seams have opened in the model's state: forces of the last step are invalid."""

@@ -29,7 +29,7 @@ from ...system.state import ParticleState
 from ..attempt import ENERGY, NOT_FINITE, Attempt
 from ..choice import SAFETY, stable_step
 from ..ledger import Work, gained, many_steps, with_attachments
-from ..prescribed import Pump
+from ..prescribed import ExplicitTimeWork
 
 SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
@@ -56,7 +56,7 @@ class Verlet(Checkpointed):
 
     def __init__(self, fields: Fields, model: ParticleState, forces: list, meter: Assembler, substep: float | None,
                  runtime: Runtime, scene: Scene) -> None:
-        self.model, self.meter, self.blocks, self.pump = model, meter, model.blocks, Pump(meter)
+        self.model, self.meter, self.blocks, self.time_work = model, meter, model.blocks, ExplicitTimeWork(meter)
         self.fast = [f for f in forces if not f.multirate]
         self.slow = [f for f in forces if f.multirate]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
@@ -109,8 +109,8 @@ class Verlet(Checkpointed):
                 held_at(0.0)
             wind = self._wind()
             held, pumped, led = held_at(h), 0.0, 0.0
-            moving = self.pump.runs or self.soft is not None or (held is not None and held.moving)
-            if self.pump.runs or self.soft is not None:
+            moving = self.time_work.runs or self.soft is not None or (held is not None and held.moving)
+            if self.time_work.runs or self.soft is not None:
                 held_at(0.0)
             if self.soft is not None:
                 led = self.soft.now.energy(self.model.read_particles()[0]) - start.energies[PULLS]
@@ -120,7 +120,7 @@ class Verlet(Checkpointed):
                 ways = self.free[0], self.free[2]
                 if moving:
                     before = None if self.soft is None else self.soft.now
-                    held, work_in = self.pump.go_on(held_at, (done + steps) * small)
+                    held, work_in = self.time_work.go_on(held_at, (done + steps) * small)
                     pumped += work_in
                     if before is not None:
                         ways, begun = self._ways(before, steps)

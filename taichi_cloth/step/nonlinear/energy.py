@@ -2,8 +2,8 @@
 
 Kinetic and potential energy must not grow by more than the work put in (`ledger`). Phi does not bound kinetic energy, and
 if E is not convex even its minimum may gain some. An excess that is left at the end, or is too small to be worth a
-further solve, is taken off the velocities (`Brake`): it is of second order in h, so that no smaller step is free of it. If
-all of the cloth is led, no step could do better.
+further solve, is taken off the velocities (`KineticEnergyCorrection`): it is of second order in h, so that no smaller step is
+free of it. If all of the cloth is led, no step could do better.
 """
 
 import math
@@ -17,7 +17,7 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ...system.state import ParticleState
 from ..ledger import Ledger, Work, gained, one_stage
-from .system import System
+from .linear_system import System
 
 LIGHT = 0.01  # part of the velocity of deformation that is taken off rather than solved again
 MOST = 0.5  # the same where nothing is solved again: with .01 a scene of tests/hard gives up
@@ -31,7 +31,7 @@ class EnergyTest:
 
     def __init__(self, system: System) -> None:
         self.system, self.model, self.meter, self.contacts = system, system.model, system.meter, system.contacts
-        self.brake = Brake(self.model, system.scene)
+        self.kinetic_correction = KineticEnergyCorrection(self.model, system.scene)
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
                  fits: Callable[[Measures, Ledger], bool] | None = None, slack: float = 0.0) -> tuple[Measures, Ledger] | None:
@@ -56,7 +56,7 @@ class EnergyTest:
         if not over > 0 or (math.isfinite(over) and self._leads_all(held)):
             return measures, ledger
         good = math.isfinite(over) and (fits is None or fits(measures, ledger))
-        if not (good and self.brake.take(over, held, most)):
+        if not (good and self.kinetic_correction.take(over, held, most)):
             return None
         slower = replace(self.meter.measure(), stretch_change=measures.stretch_change)
         energies = {**measures.energies, **slower.energies}
@@ -112,7 +112,7 @@ class EnergyTest:
         return taken + stored, stored
 
 
-class Brake:
+class KineticEnergyCorrection:
     """Takes off the velocities of a model's cloths what energy a step would else have gained.
 
     Velocities of deformation are reduced until the sum is right. The rigid motion of each cloth stays as it is, and so do held

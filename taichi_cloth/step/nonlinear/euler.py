@@ -24,8 +24,8 @@ from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
 from ..ledger import STILL, Ledger
 from .energy import LIGHT, MOST, EnergyTest
+from .linear_system import System
 from .newton import Changes, Effort, Forcing, Outcome, StepProblem, minimize, phi
-from .system import System
 
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
@@ -148,7 +148,7 @@ class EulerStep(StepProblem):
         return whole or phi(measures, self.c) <= self.level
 
     def lags(self, measures: Measures) -> float:
-        """Growth [J] allowed to Phi as the air's R changes with x; its force rightly ignores that change."""
+        """ThicknessRamp [J] allowed to Phi as the air's R changes with x; its force rightly ignores that change."""
         return self.c * abs(measures.air - self.before.air) if self.over > 0 else 0.0
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:

@@ -16,7 +16,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.held import Held
 from ..ledger import Ledger, Work, gained
 from .energy import EnergyTest
-from .system import System
+from .linear_system import System
 
 GAIN, DEBT = 0.01, 0.03  # of the motion's energy: gain allowed in a step, and in steps before they have lost as much again
 LAPSE = 0.1  # s, over which the motion's scale forgets
@@ -31,18 +31,18 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         base: of the attempt, or None: backward Euler's.
     """
 
-    STATE = ("power", "debt", "motion")
+    STATE = ("power", "accumulated_gain", "motion")
 
     def __init__(self, system: System, gravity: np.ndarray) -> None:
         super().__init__(system)
         self.base: Base | None = None
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())
         self.power = self.power_1 = np.zeros(len(GOES_ON))  # [W]
-        self.debt = self.debt_1 = self.motion = self.motion_1 = 0.0
+        self.accumulated_gain = self.accumulated_gain_1 = self.motion = self.motion_1 = 0.0
 
     def commit(self, taken: float) -> None:
         """The step was accepted."""
-        self.power, self.debt, self.motion = self.power_1, max(0.0, self.debt_1 - taken), self.motion_1
+        self.power, self.accumulated_gain, self.motion = self.power_1, max(0.0, self.accumulated_gain_1 - taken), self.motion_1
 
     def follow(self, power: float) -> None:
         """A step was made by another method, whose pins had a power [W] at its end."""
@@ -50,7 +50,7 @@ class HistoryEnergy(EnergyTest, Checkpointed):
 
     def reset(self) -> None:
         """The state was changed by hand."""
-        self.power, self.debt, self.motion = np.zeros(len(GOES_ON)), 0.0, 0.0
+        self.power, self.accumulated_gain, self.motion = np.zeros(len(GOES_ON)), 0.0, 0.0
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
                  fits: Callable[[Measures, Ledger], bool] | None = None, slack: float = 0.0) -> tuple[Measures, Ledger] | None:
@@ -62,7 +62,8 @@ class HistoryEnergy(EnergyTest, Checkpointed):
             made = super().conclude(h, held, start, measures, most, fits, slack)
             if made is not None:
                 self.power_1 = np.array([getattr(made[1], name) for name in GOES_ON]) / h
-                self.debt_1 = max(0.0, self.debt + made[1].change - made[1].total - max(0.0, made[1].wind))
+                self.accumulated_gain_1 = max(0.0, self.accumulated_gain + made[1].change - made[1].total
+                                              - max(0.0, made[1].wind))
             return made
         c, rest = base.c, base.h - base.c
         end = self.work(c, held, start, measures)
@@ -75,9 +76,9 @@ class HistoryEnergy(EnergyTest, Checkpointed):
                         potential=measures.potential - start.potential, wind=wind, damping=damping)
         ledger = replace(ledger, method=undone - ledger.unaccounted)
         over = gained(start, measures, work) - max(0.0, wind)
-        self.debt_1 = max(0.0, self.debt + over)
+        self.accumulated_gain_1 = max(0.0, self.accumulated_gain + over)
         scale, rounding = self.motion_1 + self.weight * FALL * base.h, self.system.rounding(c, start, measures)
-        if over > GAIN * scale + rounding or (over > rounding and self.debt_1 > DEBT * scale + rounding):
+        if over > GAIN * scale + rounding or (over > rounding and self.accumulated_gain_1 > DEBT * scale + rounding):
             return None
         return measures, ledger
 

@@ -21,9 +21,9 @@ from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
 from .energy import MOST, EnergyTest
 from .euler import EulerStep
+from .linear_system import System
 from .newton import Effort, Outcome, minimize
 from .solid_contact import SolidPolicy
-from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # tolerance of the other solves of such a step, in `cg_tol` and relative to the first one's residual. With 1
@@ -52,7 +52,7 @@ class LayerStep(EulerStep):
             system.predict(h, pins, together=True)
             system.start_over()
         self.agrees = False  # whether contacts with solids do
-        self.rough = self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered
+        self.rough = self.preliminary = self.contacts.forcing_terms.more_rounds and not self.contacts.hindered
         self.agreed = self.released = False
         self.part = self.reference = 0.0
 
@@ -133,7 +133,7 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             later = k >= LATER and not contacts.solids.ends_deep()
             settled = part == 1 and self.layers.settled() and (self.agrees or later)
-            contacts.foresight.asked |= part < 1 or contacts.solids.unsettled > MANY * contacts.count
+            contacts.forcing_terms.asked |= part < 1 or contacts.solids.unsettled > MANY * contacts.count
             self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
             self.released = not self.agreed and k > LATER and self.layers.release_beside(contacts.solids.holds())
         if self.released:

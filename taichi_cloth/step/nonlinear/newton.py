@@ -19,7 +19,7 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import NOT_FINITE, SOLVER
 from ..ledger import Ledger
-from .system import System
+from .linear_system import System
 
 CALM = 1e-4  # m/s: a correction of velocities that is too small for another iteration
 PART = 0.5  # part of the first correction that may be left to do

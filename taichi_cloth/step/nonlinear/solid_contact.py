@@ -19,8 +19,8 @@ from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
 from .euler import EulerPolicy, EulerStep
+from .linear_system import System
 from .newton import Outcome, StepProblem, minimize
-from .system import System
 
 ROUNDS = 13  # solves of (18), after which a step goes on with the last states of contacts
 MORE = 2  # solves besides `newton_max` further ones that a step may take with `contact_tol`; with 0 and 4 `sphere_drape` takes

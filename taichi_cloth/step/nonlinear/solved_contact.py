@@ -33,9 +33,9 @@ from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
 from .energy import MOST, EnergyTest
+from .linear_system import System
 from .newton import CG_TOL, Changes, Effort, Outcome, StepProblem
 from .solid_contact import forces_at_end
-from .system import System
 
 OTHERS = 5e-2  # relative residual of solves after the first one, whose is `cg_tol`. With 1e-2 for all of them `sphere_drape`
 # takes 14,700 iterations for 19,700, but the speed of free fall beside a contact is .5 % off

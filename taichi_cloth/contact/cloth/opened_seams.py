@@ -13,7 +13,7 @@ from ...system.state import ParticleState
 from .collision_mesh import CollisionMesh
 
 
-class Lips(Checkpointed):
+class OpenedSeams(Checkpointed):
     """The sides of a scene's stitches.
 
     Attributes:

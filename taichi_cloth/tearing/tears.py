@@ -53,7 +53,7 @@ class ClothTear:
         self.point = np.einsum("pc,mci->mpi", POINTS, uv[parts.whole.faces]).reshape(-1, 2)
         self.weight = np.repeat(parts.whole.material_areas / 3, 3)
 
-    def giving(self, T: np.ndarray, held: Held | None) -> np.ndarray:
+    def overloaded(self, T: np.ndarray, held: Held | None) -> np.ndarray:
         """(j,) numbers of the stitches that open under stresses T (m, 2, 2) [N/m] of its triangles."""
         T = T * np.outer(self.scale, self.scale)
         least = self.fraction.min()
@@ -169,10 +169,10 @@ class Tears:
                 self.cloths.append(ClothTear(cloth, stitches, rows, fraction))
                 self._rows.append(slice(self._first[k], self._first[k + 1]))
 
-    def giving(self, held: Held | None) -> np.ndarray:
+    def overloaded(self, held: Held | None) -> np.ndarray:
         """Numbers of the stitches that open in the model's state; held particles do not tear."""
         T = self.stress.now()
-        return np.concatenate([cloth.giving(T[rows], held) for cloth, rows in zip(self.cloths, self._rows)])
+        return np.concatenate([cloth.overloaded(T[rows], held) for cloth, rows in zip(self.cloths, self._rows)])
 
 
 def _principal(T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

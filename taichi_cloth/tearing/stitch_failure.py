@@ -8,7 +8,7 @@ import numpy as np
 from ..system.stitches import Stitches
 
 
-class Giving:
+class StitchFailure:
     """The stitches of a model, from step to step.
 
     Args:
@@ -16,7 +16,7 @@ class Giving:
         integrator: tries steps; its system knows the tension of stitches.
         meter: measures potential energy where the model is.
         contacts: contacts to tell of surfaces that are now apart, or None.
-        tears: `tearing.Tears` where cloth may tear, or None.
+        tears: `tears.Tears` where cloth may tear, or None.
     """
 
     def __init__(self, stitches: Stitches, integrator, meter, contacts, tears=None) -> None:
@@ -34,9 +34,9 @@ class Giving:
         system = self.integrator.system
         given = np.zeros(len(self.stitches.whole), dtype=bool)
         if self.stitches.gives:
-            given = self.stitches.giving(system.tension() / system.span)
+            given = self.stitches.overloaded(system.tension() / system.span)
         if self.tears is not None:
-            given[self.tears.giving(system.held)] = True
+            given[self.tears.overloaded(system.held)] = True
         if not given.any():
             return False
         if not system.gave:
