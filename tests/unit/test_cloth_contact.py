@@ -415,7 +415,7 @@ def test_only_what_nothing_else_can_make_room_for_is_released(smallest, part, re
     """In the smallest of steps; nowhere else, and not what went all its way."""
     asked = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release=lambda: asked.append(1) or True, off=3, least=0.2,
+    step.layers = SimpleNamespace(release=lambda: asked.append(1) or True, unsettled=3, least=0.2,
                                   intersections=SimpleNamespace(active=False))
     step.contacts = SimpleNamespace(start=SimpleNamespace(small=True, smallest=smallest))
     step.held, step.part, step.agreed, step.released = None, part, False, False
@@ -430,7 +430,7 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     """In steps of any size, after five solves; and a solve that is stopped short stiffens what stopped it."""
     stopped = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
+    step.layers = SimpleNamespace(release_beside=lambda held: True, unsettled=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
     solids = SimpleNamespace(holds=lambda: None, unsettled=0, ends_deep=lambda: False)
     step.contacts = SimpleNamespace(count=0, solids=solids, forcing_terms=ForcingTerms(),
