@@ -33,7 +33,7 @@ class LayerDetector(Candidates):
     """Cloth against cloth, for the cloths of a scene that have a `contact`.
 
     Args:
-        floor: part of the distance that pairs should keep which nothing passes that was above it.
+        floor: hard minimum gap, as a part of the distance to keep; collision detection lets no pair cross it.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool, floor: float) -> None:
@@ -54,8 +54,7 @@ class LayerDetector(Candidates):
         self.resting = bool(state.any())
 
     def collision_free_step(self) -> tuple[float, np.ndarray]:
-        """(part of the path, which `cover` has seen, that nothing passes through another on, the pairs (k, 3) that do not
-        allow all of it)."""
+        """(collision-free part of the path that `cover` has seen, 0 to 1; the pairs (k, 3) that limit it)."""
         c = self.candidates
         if not len(c):
             return 1.0, c

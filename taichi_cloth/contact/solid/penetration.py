@@ -50,7 +50,7 @@ class Penetration(Checkpointed):
 
     @property
     def minded(self) -> np.ndarray:
-        """(n,) whether it matters how deep inside solids a particle ends."""
+        """(n,) particles whose depth inside solids is checked: not spared, not pinched."""
         return (self.spared == 0) & ~self.pinched
 
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:

@@ -296,7 +296,7 @@ class Pinches(Checkpointed):
         return f.friction * PRESSURE * self.area[f.index] * self.led
 
     def lags(self, start: StepStart, there: np.ndarray) -> bool:
-        """Whether friction in the last solve, which led there (n, 3) [m], was another than that of the slip that it led to."""
+        """Whether friction of the last solve differs from that by the slip at its end (n, 3) [m] by more than LAGGED."""
         if not len(self.contacts.index):
             return False
         size, now = self._bearable(), length(self._slip(start, there))

@@ -206,8 +206,7 @@ class SolidContacts(Checkpointed):
         return self.penetration.left(self.near, inside, self.linearized)[0] + self._bear()
 
     def _bear(self) -> int:
-        """Pairs that the last solve left too near get the stiffness that they need, those that pull by theirs lose it; how
-        many these are."""
+        """Raises the stiffness of pairs that the last solve left too near, drops that of pairs that pull; how many changed."""
         taken, near = self.linearized, self.near.pairs
         if taken is None or near is None:
             return 0

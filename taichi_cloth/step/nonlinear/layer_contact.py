@@ -6,8 +6,8 @@ Newton step could be taken whole, contacts have the forces of its solve, and its
 in. Intersections that are pulled apart are given energy.
 
 If a Newton step was cut short, or changed many contacts with solids, in two steps running, the next step's first one is not
-likely to be its last. Its solve then need only say which pairs meet, and so need the second if the first was cut short; all
-others of that step may leave LOOSER times `cg_tol`. None of this where something is pinched or passes through itself.
+likely to be its last. Its solve, and the second if the first was cut short, only has to find the pairs, and is rough. All
+others of that step may leave LOOSER times `cg_tol`. None of this is done if cloth is pinched or passes through itself.
 """
 
 from dataclasses import replace
