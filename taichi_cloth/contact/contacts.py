@@ -16,7 +16,7 @@ from .points import ContactForce, Points
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
-from .step_start import ForcingTerms, StepStart
+from .step_start import ForcingTerms, StepContext
 
 AGREED = 0.001  # tolerance of the residual of contacts, in parts of all impulses (weight, contacts, pins, changes of
 # momentum). With .002 and .0005 `sphere_drape` takes 385 and 404 solves for 390 in 1 s
@@ -54,7 +54,7 @@ class Contacts(Checkpointed):
             self.layers = (Springs if self.sprung else Layers)(fields, model, scene, h, cpu, tangles)
         self.force = ContactForce(fields, model, self.layers is not None)
         nowhere = np.zeros((model.n, 3))
-        self.start, self.base = StepStart(h, h, nowhere, nowhere), (nowhere, nowhere)
+        self.start, self.base = StepContext(h, h, nowhere, nowhere), (nowhere, nowhere)
         self.solids = SolidContacts(fields, model, scene, self.start)
         self.scan = self.solids.scan
         self.balance = Balance(self.solids, nowhere)
@@ -75,7 +75,7 @@ class Contacts(Checkpointed):
         self.warm = False
         self.forcing_terms.begin()
         size = h if base is None else base.h
-        self.start = self.solids.begin(StepStart(size, self.start.h_usual, x, v, pins, together, base))
+        self.start = self.solids.begin(StepContext(size, self.start.h_usual, x, v, pins, together, base))
         self.balance, self.found, self.rounds = Balance(self.solids, self.start.base_v), None, 0
         if self.layers is not None:
             self.layers.waive(self.solids.pinches.where, self.solids.pinches.accepted.index)

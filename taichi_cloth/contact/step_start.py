@@ -18,7 +18,7 @@ OFTEN = 2  # consecutive steps that took more solves, after which the next one i
 
 
 @dataclass(frozen=True)
-class StepStart:
+class StepContext:
     """An attempt at a step.
 
     Attributes:

@@ -10,7 +10,7 @@ from taichi_cloth.backend.rows import read, write
 from taichi_cloth.backend.timing import Clock
 from taichi_cloth.step.integrators.tr_bdf2 import Stage
 from taichi_cloth.step.nonlinear.euler import EulerStep
-from taichi_cloth.step.nonlinear.newton import Effort, line_search, minimize, phi
+from taichi_cloth.step.nonlinear.newton import NewtonTolerance, line_search, minimize, phi
 from taichi_cloth.system.checkpoint import VERSION
 
 FABRIC = tc.Fabric(0.2, tc.Stretch((900, 700), 0.6), tc.Shear(150, 0.1), tc.Bend(2e-3))
@@ -133,9 +133,9 @@ def test_newton_goes_no_further_than_its_potential_falls():
         made, model, c = sim.integrator, sim.model, 0.005
         model.save()
         if integrator == "tr_bdf2":
-            problem = Stage(made.system, c, None, Effort(0.0, 0.0, 1e-6, 1e-6), True, Clock(), [])
+            problem = Stage(made.system, c, None, NewtonTolerance(0.0, 0.0, 1e-6, 1e-6), True, Clock(), [])
         else:
-            start, exact = made.system.meter.measure(), Effort(0.0, 0.0, 1e-4, 1e-4)
+            start, exact = made.system.meter.measure(), NewtonTolerance(0.0, 0.0, 1e-4, 1e-4)
             problem = EulerStep(made.system, made.energy, exact, c, None, start, Clock(), [])
         assert problem.solve(k) is None
         before = problem.before

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.step.nonlinear.newton import CG_TOL, FURTHER, LEAVES, PRELIMINARY, SURE, Effort, Forcing
+from taichi_cloth.step.nonlinear.newton import CG_TOL, FURTHER, LEAVES, PRELIMINARY, SURE, Forcing, NewtonTolerance
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 import study_newton as study  # noqa: E402
@@ -79,7 +79,7 @@ def test_forces_come_to_balance_and_damping_is_what_they_say(monkeypatch, speed,
 
 
 def test_solves_are_as_exact_as_forces_are_near_to_balance():
-    exact = Effort(1e-4, 0.0, PRELIMINARY, FURTHER, CG_TOL)
+    exact = NewtonTolerance(1e-4, 0.0, PRELIMINARY, FURTHER, CG_TOL)
     forcing = Forcing.of(None, exact)
     assert forcing.follows and forcing.next(2.0) == PRELIMINARY
     assert forcing.next(1.0) == FURTHER and not forcing.enough(1.0) and forcing.enough(LEAVES / 2)

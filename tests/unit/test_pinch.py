@@ -8,7 +8,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.contact.solid.pinch import CREEP, FREE, PRESSURE, SLOWLY, Pinched
 from taichi_cloth.contact.solid.vertices import VertexContacts
-from taichi_cloth.contact.step_start import StepStart
+from taichi_cloth.contact.step_start import StepContext
 from taichi_cloth.scene.intersections import count_crossings
 from taichi_cloth.system.held import Held
 
@@ -41,7 +41,7 @@ def held_at(contacts, height, share=0.5):
 
 def begin(contacts, x, h=H, pins=None):
     """An attempt at a step from there, of size h [s]; what begins."""
-    contacts.solids.pinches.begin(StepStart(h, H, x, 0 * x, pins), VertexContacts.none())
+    contacts.solids.pinches.begin(StepContext(h, H, x, 0 * x, pins), VertexContacts.none())
     return contacts.solids.pinches
 
 
@@ -75,11 +75,11 @@ def test_it_is_held_across_and_rubs_along(between):
     assert pinches.area.sum() == pytest.approx(0.2 * 0.2)
     for speed, part in ((2 * CREEP, 1.0), (0.3, 1.0), (0.1 * CREEP, 0.1)):
         there = x + H * speed * np.array([0.6, 0.0, 0.8])
-        points = pinches.rub(StepStart(H, H, x, 0 * x), there, 0 * x)
+        points = pinches.rub(StepContext(H, H, x, 0 * x), there, 0 * x)
         force = points.forces(there - x, H)
         assert force == pytest.approx(-part * most[:, None] * [0.6, 0.0, 0.8], rel=1e-9, abs=1e-12)
-        assert not pinches.lags(StepStart(H, H, x, 0 * x), there)
-    assert pinches.lags(StepStart(H, H, x, 0 * x), x + [0.3 * H, 0.0, 0.0])
+        assert not pinches.lags(StepContext(H, H, x, 0 * x), there)
+    assert pinches.lags(StepContext(H, H, x, 0 * x), x + [0.3 * H, 0.0, 0.0])
 
 
 def test_scripts_have_their_way_with_what_they_hold_whole(between):
@@ -94,7 +94,7 @@ def test_scripts_have_their_way_with_what_they_hold_whole(between):
     assert np.abs(held.projector[order][2:] - np.outer(UP, UP)).max() < 1e-6
     at = held.target[order]
     assert np.abs(at[0] - there[0]).max() < 1e-6 and np.abs(at[1:] - pinches.target[1:]).max() < 1e-6
-    pinches.rub(StepStart(H, H, x, 0 * x), x + [1.0, 0.0, 0.0], 0 * x)
+    pinches.rub(StepContext(H, H, x, 0 * x), x + [1.0, 0.0, 0.0], 0 * x)
     pinches.bear(held, np.ones((9, 3)), 0 * x, H)  # what a pin bears is no solid's
     assert (pinches.forces[0] == 0).all() and (pinches.forces[1:] == 1).all()
 

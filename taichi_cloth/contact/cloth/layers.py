@@ -24,7 +24,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
 from ..points import Points, rows_of
-from ..step_start import StepStart
+from ..step_start import StepContext
 from . import pair_kernels
 from .barrier import FLOOR
 from .broad_phase import ROUNDING
@@ -65,7 +65,7 @@ class Layers(Checkpointed):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
         nowhere = np.zeros((model.n, 3))
-        self.model, self.start = model, StepStart(h, h, nowhere, nowhere)
+        self.model, self.start = model, StepContext(h, h, nowhere, nowhere)
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         d = self.detector
         self.waived, self.freed = np.zeros(model.n, dtype=bool), False
@@ -111,7 +111,7 @@ class Layers(Checkpointed):
         self.detector.let_rest(self.intersections.resting, self.waived)
 
     @timed
-    def begin(self, start: StepStart, guess: bool) -> None:
+    def begin(self, start: StepContext, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start = start
         self.adaptive_stiffness.begin()

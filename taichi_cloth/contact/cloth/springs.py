@@ -7,7 +7,7 @@ Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is t
 """
 
 from ...backend.language import ti
-from ..step_start import StepStart
+from ..step_start import StepContext
 from .contact_pairs import ContactPairs
 from .layers import Layers
 from .pair_kernels import PairKernels
@@ -41,7 +41,7 @@ class Springs(Layers):
     here: ContactPairs
     floor, kind = 0.0, SpringKernels  # a spring keeps nothing from it
 
-    def begin(self, start: StepStart, guess: bool) -> None:
+    def begin(self, start: StepContext, guess: bool) -> None:
         """A new attempt, from where the pairs are known."""
         super().begin(start, False)
         self.near = self.here

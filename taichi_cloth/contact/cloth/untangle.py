@@ -16,7 +16,7 @@ from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
 from ..points import Points, sym_outer, sym_times, unit
 from ..solid.penetration import SPARED
-from ..step_start import StepStart
+from ..step_start import StepContext
 from .collision_mesh import CollisionMesh
 from .contact_pairs import ContactPairs
 
@@ -160,13 +160,13 @@ class Intersections(Checkpointed):
         more = p.vertices[rests], p.weights[rests], p.normal[rests], p.radius[rests]
         self.parting = tuple(np.concatenate(both) for both in zip(self.parting, more))
 
-    def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
+    def points(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> Points:
         """Points of contact that lead edges out of triangles, and pairs apart."""
         if self.policy != "untangle":
             return Points.none()
         return Points.join([self._crossing(start, base, mass), self._parting(start, base, mass)])
 
-    def _parting(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
+    def _parting(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> Points:
         """Points that lead pairs further that have just come apart: on their way, by a thickness in a usual step."""
         vertices, weights, normal, radius = self.parting
         gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
@@ -175,7 +175,7 @@ class Intersections(Checkpointed):
         return Points(vertices, weights, stiff[:, None] * sym_outer(normal),
                       (stiff * (step - gone) / start.c)[:, None] * normal)
 
-    def _crossing(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
+    def _crossing(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> Points:
         """Points that lead edges out of triangles."""
         k, x_0 = len(self.rows), start.x
         face = self.faces[self.rows]

@@ -12,7 +12,7 @@ import numpy as np
 from ...system.checkpoint import Checkpointed
 from ...system.held import pinned_particles
 from ..points import among
-from ..step_start import StepStart
+from ..step_start import StepContext
 from .pairs import LEAST, PAIR, Pairs, left
 from .query import ContactCandidates, SolidCollisionDetector
 from .room import has_room, walls
@@ -78,7 +78,7 @@ class Penetration(Checkpointed):
         assert near.pairs is not None
         return (near.pairs.distance < LEAST * PAIR * self.scan.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
 
-    def may_shrink(self, start: StepStart, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> bool:
+    def may_shrink(self, start: StepContext, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
         if not start.small:
             return True

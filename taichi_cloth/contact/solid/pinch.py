@@ -17,7 +17,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.elements import lumped_mass
 from ...system.held import Held
 from ..points import EYE, Points, length, sym_outer, sym_times, tangential, unit
-from ..step_start import StepStart
+from ..step_start import StepContext
 from .facing import FacingSurfaces, Sides
 from .query import SolidCollisionDetector
 from .room import FACING
@@ -134,7 +134,7 @@ class Pinches(Checkpointed):
         self.accepted = Pinched()
         self.resumed()
 
-    def begin(self, start: StepStart, found: VertexContacts) -> None:
+    def begin(self, start: StepContext, found: VertexContacts) -> None:
         """A new attempt, with the contacts that were found on the predicted way."""
         if not self.possible:
             return
@@ -154,7 +154,7 @@ class Pinches(Checkpointed):
         self.forces, self.rubbing = np.zeros_like(self.target), Points.none()
         self._mark()
 
-    def _as_contacts(self, start: StepStart, both: Between) -> VertexContacts:
+    def _as_contacts(self, start: StepContext, both: Between) -> VertexContacts:
         """One contact with both surfaces for each: it is carried by the mean of their motions, and they rub together."""
         nothing, a, b = np.zeros(len(both.index)), both.a, both.b
         carried = start.x[both.index] + (a.motion + b.motion) / 2
@@ -181,7 +181,7 @@ class Pinches(Checkpointed):
         whole = self.thickness[both.a.solid] + self.thickness[both.b.solid] + self.between[both.index]
         return whole * np.clip((WEDGE - both.cosine) / (WEDGE - WHOLE), 0, 1)
 
-    def _lead(self, start: StepStart, both: Between, share: np.ndarray) -> np.ndarray:
+    def _lead(self, start: StepContext, both: Between, share: np.ndarray) -> np.ndarray:
         """(k, 3) where particles are at the end of the step [m]."""
         a, b = both.a, both.b
         mean, apart = (a.motion + b.motion) / 2, a.normal - b.normal
@@ -193,7 +193,7 @@ class Pinches(Checkpointed):
         shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
         return start.x[both.index] + mean + shift[:, None] * across
 
-    def _known(self, start: StepStart) -> tuple[Between, np.ndarray]:
+    def _known(self, start: StepContext) -> tuple[Between, np.ndarray]:
         """Particles that were pinched and still are, and their shares."""
         old = self.accepted
         a, b = (self._side(start, old, k) for k in range(2))
@@ -203,7 +203,7 @@ class Pinches(Checkpointed):
         keep = there & ((both.room < FREE * self._needed(both)) | inside)
         return both.take(keep), old.share[keep]
 
-    def _side(self, start: StepStart, old: Pinched, k: int) -> Sides:
+    def _side(self, start: StepContext, old: Pinched, k: int) -> Sides:
         """One side of pinched particles, where it is now; of a mesh next to where its foot was: not of another part of it."""
         solid, x = old.solid[:, k], start.x[old.index]
         sides, analytic = self._above(x, solid), ~self.scan.meshes[solid]
@@ -226,7 +226,7 @@ class Pinches(Checkpointed):
         _fill(sides, rows, Sides(solid[rows], normal, height, motion, self.scan.friction[solid[rows]]))
         return sides
 
-    def _entering(self, start: StepStart, found: VertexContacts) -> Between:
+    def _entering(self, start: StepContext, found: VertexContacts) -> Between:
         """Particles that get pinched in this step: between a solid in contact, and another solid or another part of a mesh
         that deforms."""
         scan, sides, parts = self.scan, self._above(start.x[found.index], found.solid), []
@@ -273,7 +273,7 @@ class Pinches(Checkpointed):
                 (pins.index, pins.projector, pins.target, pins.y), (index, projector, target, y)))
         return Held.of(index, projector, target, True, y, self.scan.exchange)
 
-    def rub(self, start: StepStart, there: np.ndarray, v: np.ndarray) -> Points:
+    def rub(self, start: StepContext, there: np.ndarray, v: np.ndarray) -> Points:
         """Friction of the surfaces on both sides, with where particles are expected at the end, there (n, 3) [m], in a solve
         that begins with velocities v (n, 3) [m/s]: a damping F / max(|u|, CREEP) along them, u the expected slip."""
         f, c = self.contacts, start.c
@@ -285,7 +285,7 @@ class Pinches(Checkpointed):
             self.rubbing = Points.at(f.index, c / start.h * block, -sym_times(block, against))
         return self.rubbing
 
-    def _slip(self, start: StepStart, there: np.ndarray) -> np.ndarray:
+    def _slip(self, start: StepContext, there: np.ndarray) -> np.ndarray:
         """(k, 3) velocities [m/s] against the surfaces, of particles that end there (n, 3) [m]."""
         f = self.contacts
         return tangential((there[f.index] - f.carried) / start.h, f.normal)
@@ -295,7 +295,7 @@ class Pinches(Checkpointed):
         f = self.contacts
         return f.friction * PRESSURE * self.area[f.index] * self.led
 
-    def lags(self, start: StepStart, there: np.ndarray) -> bool:
+    def lags(self, start: StepContext, there: np.ndarray) -> bool:
         """Whether friction of the last solve differs from that by the slip at its end (n, 3) [m] by more than LAGGED."""
         if not len(self.contacts.index):
             return False

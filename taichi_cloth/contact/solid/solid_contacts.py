@@ -20,7 +20,7 @@ from ...system.held import pinned_particles
 from ...system.place import Place
 from ...system.state import ParticleState
 from ..points import Points, rows_of
-from ..step_start import StepStart
+from ..step_start import StepContext
 from .active_set import ActiveSet, States, hold_together
 from .pairs import PAIR, PRESS, LoadStiffness, Pairs, Step, inertia, press
 from .penetration import Penetration
@@ -67,7 +67,7 @@ class SolidContacts(Checkpointed):
 
     STATE = ("accepted", "penetration", "pinches", "thickness_ramp", "adaptive_stiffness")
 
-    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepContext) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
         self.scan = SolidCollisionDetector(fields, model, scene)
         self.thickness_ramp = self.scan.thickness_ramp
@@ -88,7 +88,7 @@ class SolidContacts(Checkpointed):
         """(solids,) [m]"""
         return self.scan.thickness
 
-    def begin(self, start: StepStart) -> StepStart:
+    def begin(self, start: StepContext) -> StepContext:
         """A new attempt; the model is at its predicted end. Returns its start, with pinched particles among the pins."""
         self.trial, self.unsettled = self.accepted, 0
         self.penetration.crossed = self.penetration.before

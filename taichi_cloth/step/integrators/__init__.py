@@ -53,12 +53,12 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
 
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):
-        from ..nonlinear.newton import FURTHER, PRELIMINARY, Effort
+        from ..nonlinear.newton import FURTHER, PRELIMINARY, NewtonTolerance
         from .backward_euler import BackwardEuler
 
         first, others = (PRELIMINARY, FURTHER) if contacts is None else (CG_TOL, CG_TOL)  # on which contacts' states depend
-        exact = Effort(options.newton_tol or NEWTON_TOL, 0.0, first, others, CG_TOL) if name == "newton_euler" else None
-        return BackwardEuler(system, options, exact)
+        exact = NewtonTolerance(options.newton_tol or NEWTON_TOL, 0.0, first, others, CG_TOL)
+        return BackwardEuler(system, options, exact if name == "newton_euler" else None)
     from .tr_bdf2 import TRBDF2
 
     if name == "tr_bdf2" and contacts is None and not scene.seams:

@@ -25,7 +25,7 @@ from ..ledger import with_attachments
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
 from ..nonlinear.linear_system import System
-from ..nonlinear.newton import Effort
+from ..nonlinear.newton import NewtonTolerance
 from ..prescribed import ExplicitTimeWork
 
 
@@ -35,7 +35,7 @@ class BackwardEuler(Checkpointed):
     stable_step = math.inf
     STATE: tuple[str, ...] = ("dv",)
 
-    def __init__(self, system: System, options: Options, effort: Effort | None = None) -> None:
+    def __init__(self, system: System, options: Options, effort: NewtonTolerance | None = None) -> None:
         self.system, self.options, self.effort = system, options, effort
         self.contacts, self.energy, self.time_work = system.contacts, EnergyTest(system), ExplicitTimeWork(system.meter)
         self.dv = system.solver.dv  # of the last solve, from which contacts predict the next step

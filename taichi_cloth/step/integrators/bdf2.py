@@ -30,7 +30,7 @@ from ...system.held import Held
 from ..attempt import Attempt
 from ..nonlinear.history import HistoryEnergy
 from ..nonlinear.linear_system import System
-from ..nonlinear.newton import CALM, OTHERS, PART, PRELIMINARY, Effort
+from ..nonlinear.newton import CALM, OTHERS, PART, PRELIMINARY, NewtonTolerance
 from .backward_euler import BackwardEuler
 
 RATIO = 2.0  # largest step over the one before; BDF2 is stable up to 1 + sqrt 2
@@ -59,7 +59,7 @@ class BDF2(BackwardEuler):
             base = self.system.base = self.energy.base = self._base(h)
             self.system.start_over()
             asked = self.options.newton_tol
-            self.policy.effort = Effort(asked or CALM * base.c, 0.0 if asked else PART, PRELIMINARY, OTHERS)
+            self.policy.effort = NewtonTolerance(asked or CALM * base.c, 0.0 if asked else PART, PRELIMINARY, OTHERS)
             made = super().attempt(h, held_at, start)
             self.system.base = self.policy.effort = None
             if made.rejection is None:

@@ -35,7 +35,18 @@ from ..attempt import ACCURACY, ENERGY, NEWTON, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages, with_attachments
 from ..nonlinear.history import DEBT, FALL, GAIN, LAPSE
 from ..nonlinear.linear_system import ROUNDING, System
-from ..nonlinear.newton import CALM, FIRST, HALVINGS, OTHERS, PART, Changes, Effort, Outcome, StepProblem, minimize
+from ..nonlinear.newton import (
+    CALM,
+    FIRST,
+    HALVINGS,
+    OTHERS,
+    PART,
+    ConvergenceRate,
+    NewtonTolerance,
+    Outcome,
+    StepProblem,
+    minimize,
+)
 from ..prescribed import ExplicitTimeWork
 
 C = 1 - math.sqrt(0.5)
@@ -61,12 +72,12 @@ class Stage(StepProblem):
         fresh: whether the preconditioner is made anew in the first of them.
     """
 
-    def __init__(self, system: System, c: float, held: Held | None, effort: Effort, fresh: bool, clock: Clock,
+    def __init__(self, system: System, c: float, held: Held | None, effort: NewtonTolerance, fresh: bool, clock: Clock,
                  solutions: list[Solution]) -> None:
         super().__init__(system, c, held, Measures({}, 0.0, 0.0, 0.0, 0.0, True), clock, solutions)
         self.effort, self.fresh = effort, fresh
         self.linearized = False  # where the model is
-        self.changes = Changes()
+        self.changes = ConvergenceRate()
         self.led = self.leads()
 
     def leads(self) -> bool:
@@ -167,7 +178,7 @@ class TRBDF2(Checkpointed):
         closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others, part=part)
         return self._attempt(h, held_at, start, closer).instead_of(made, "")
 
-    def _attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures, effort: Effort) -> Attempt:
+    def _attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures, effort: NewtonTolerance) -> Attempt:
         """The same with solves of so much effort."""
         clock, c, system = Clock(), C * h, self.system
         solutions: list[Solution] = []
@@ -245,7 +256,7 @@ class TRBDF2(Checkpointed):
         """The same with the kinetic energy that `_scale` found last."""
         return self.motion_1 + self.weight * FALL * h
 
-    def _effort(self, h: float) -> Effort:
+    def _effort(self, h: float) -> NewtonTolerance:
         """Tolerances of a stage: no digit beyond those that the step or the tolerance asked for needs."""
         options = self.options
         moved, part, cg_tol = options.newton_tol, 0.0, options.cg_tol
@@ -254,7 +265,7 @@ class TRBDF2(Checkpointed):
             cg_tol = cg_tol or FIRST
         elif moved is None:
             moved, part = CALM * C * h, PART
-        return Effort(moved, part, cg_tol or FIRST, cg_tol or OTHERS)
+        return NewtonTolerance(moved, part, cg_tol or FIRST, cg_tol or OTHERS)
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
         """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""

@@ -25,7 +25,7 @@ from ..attempt import ENERGY, NEWTON
 from ..ledger import STILL, Ledger
 from .energy import LIGHT, MOST, EnergyTest
 from .linear_system import System
-from .newton import Changes, Effort, Forcing, Outcome, StepProblem, minimize, phi
+from .newton import ConvergenceRate, Forcing, NewtonTolerance, Outcome, StepProblem, minimize, phi
 
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
@@ -48,13 +48,13 @@ class EulerStep(StepProblem):
     least_gravity = 0.0
     over = 0.0
 
-    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
-                 clock: Clock, solutions: list[Solution]) -> None:
+    def __init__(self, system: System, energy: EnergyTest, effort: NewtonTolerance | None, h: float, held: Held | None,
+                 start: Measures, clock: Clock, solutions: list[Solution]) -> None:
         super().__init__(system, h, held, start, clock, solutions)
         self.energy, self.effort, self.start = energy, effort, start
         self.forcing = Forcing.of(system.options.cg_tol, effort)
         self.cg_tol = self.forcing.first
-        self.changes = Changes()
+        self.changes = ConvergenceRate()
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
         self.resort: Callable[[], Outcome] | None = None  # goes back to it, where too much of that is unaccounted for
@@ -243,7 +243,7 @@ class EulerPolicy:
 
     step = EulerStep
 
-    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None) -> None:
+    def __init__(self, system: System, energy: EnergyTest, effort: NewtonTolerance | None) -> None:
         self.system, self.energy, self.effort = system, energy, effort
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:

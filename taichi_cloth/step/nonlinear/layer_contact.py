@@ -22,7 +22,7 @@ from ..ledger import Ledger
 from .energy import MOST, EnergyTest
 from .euler import EulerStep
 from .linear_system import System
-from .newton import Effort, Outcome, minimize
+from .newton import NewtonTolerance, Outcome, minimize
 from .solid_contact import SolidPolicy
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
@@ -185,7 +185,7 @@ class LayerPolicy(SolidPolicy):
     """When layers of cloth are part of a step's problem: if they met, or crossed, at the end of the last step, else in a
     second attempt, if the first one shows that they meet."""
 
-    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None) -> None:
+    def __init__(self, system: System, energy: EnergyTest, effort: NewtonTolerance | None) -> None:
         super().__init__(system, energy, effort)
         self.layers = system.contacts.layers
 

@@ -26,7 +26,7 @@ PART = 0.5  # part of the first correction that may be left to do
 FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
 PRELIMINARY = 0.01  # of solves that others follow, and of BDF2's first. With .005 and .02 `table` takes 110, 117 for 109
 FURTHER = 0.03  # of solves that mend energy. With .015 and .06 `table` takes 100 and 115 for 109, 1,595 and 1,347 iterations
-LEAVES = 0.01  # part of the largest imbalance of forces that such a step's last solve may leave; or of `Effort.moved`
+LEAVES = 0.01  # part of the largest imbalance of forces that such a step's last solve may leave; or of `NewtonTolerance.moved`
 SURE = 0.9  # times the square of the ratio of imbalances of forces: a solve need be no more exact [Eisenstat, Walker 1996]
 HALVINGS = 9  # of a Newton step, which is then taken anyway: exactly folded cloth needs a tiny motion to find a side
 
@@ -146,7 +146,7 @@ def line_search(problem: StepProblem, k: int) -> tuple[float, Measures]:
 
 
 @dataclass(frozen=True)
-class Effort:
+class NewtonTolerance:
     """Tolerances of a step.
 
     Attributes:
@@ -184,7 +184,7 @@ class Forcing:
     left: float = 0.0
 
     @classmethod
-    def of(cls, asked: float | None, effort: Effort | None) -> "Forcing":
+    def of(cls, asked: float | None, effort: NewtonTolerance | None) -> "Forcing":
         """Those of a step: `cg_tol` where that was asked for, else by its effort; None is a step of single solves."""
         if effort is not None:
             first, further = asked or effort.first, asked or effort.others
@@ -206,12 +206,12 @@ class Forcing:
         return tolerance
 
     def enough(self, moved: float) -> bool:
-        """Whether the last solve was exact enough to be a step's last. It moved the cloth by this part of `Effort.moved`."""
+        """Whether the last solve was exact enough to be a step's last. It moved the cloth by this part of that tolerance."""
         return self.left <= LEAVES * self.most or moved <= LEAVES
 
 
 @dataclass
-class Changes:
+class ConvergenceRate:
     """RMS changes of position [m]: the first, the last; of those to come, over the last."""
 
     first: float = np.inf
@@ -223,7 +223,7 @@ class Changes:
         self.rest = moved / (self.last - moved) if moved < self.last < np.inf else np.inf
         self.first, self.last = (moved if self.first == np.inf else self.first), moved
 
-    def enough(self, effort: Effort, part: float = 1.0) -> bool:
+    def enough(self, effort: NewtonTolerance, part: float = 1.0) -> bool:
         """Whether the last change, taken to this part, leaves no more than the step is worth."""
         left = self.rest if part == 1 else self.rest + 1 - part
         return self.last <= effort.moved or self.last * left < effort.part * self.first

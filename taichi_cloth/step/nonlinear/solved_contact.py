@@ -34,7 +34,7 @@ from ...system.held import Held
 from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
 from .energy import MOST, EnergyTest
 from .linear_system import System
-from .newton import CG_TOL, Changes, Effort, Outcome, StepProblem
+from .newton import CG_TOL, ConvergenceRate, NewtonTolerance, Outcome, StepProblem
 from .solid_contact import forces_at_end
 
 OTHERS = 5e-2  # relative residual of solves after the first one, whose is `cg_tol`. With 1e-2 for all of them `sphere_drape`
@@ -63,12 +63,12 @@ class SolvedStep(StepProblem):
         relaxed: whether states of contacts came from the proximal gradient method before the last solve.
     """
 
-    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
-                 clock: Clock, solutions: list[Solution]) -> None:
+    def __init__(self, system: System, energy: EnergyTest, effort: NewtonTolerance | None, h: float, held: Held | None,
+                 start: Measures, clock: Clock, solutions: list[Solution]) -> None:
         super().__init__(system, h, held, start, clock, solutions)
         self.energy, self.effort, self.start, self.contacts = energy, effort, start, system.contacts
         self.enough = system.options.contact_tol or 0.0
-        self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
+        self.changes, self.pairs, self.over = ConvergenceRate(), 0, h if system.base is None else 0.0
         self.acting, self.relaxed = math.inf, False
         system.definite, system.stays_definite = False, True
         with clock.part("C-S"):
