@@ -16,7 +16,7 @@ FURTHER = 1.3  # times the distance that there is, to which thickness may grow i
 
 
 class ThicknessRamp(Checkpointed):
-    """ThicknessRamp of the thickness of n particles.
+    """Growth of the thickness of n particles.
 
     Attributes:
         part: (n,) that each has; active: whether any has not all of it.

@@ -117,7 +117,7 @@ TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
 
 
 def gained(start: Measures, end: Measures, work: Work) -> float:
-    """ThicknessRamp of the energy [J] beyond the work that may be put in, wind apart."""
+    """Growth of the energy [J] beyond the work that may be put in, wind apart."""
     return end.total - start.total - work.total + max(0.0, work.pulled_down)
 
 

@@ -178,7 +178,7 @@ class Firm:
 
 
 class LoadStiffness(Checkpointed):
-    """LoadStiffness of the pairs of a model's cloth with solids.
+    """Further stiffness of pairs of a model's cloth with solids, by their loads.
 
     Attributes:
         accepted: with which the last accepted step ended; trial: in this attempt.

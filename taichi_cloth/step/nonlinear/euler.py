@@ -148,7 +148,7 @@ class EulerStep(StepProblem):
         return whole or phi(measures, self.c) <= self.level
 
     def lags(self, measures: Measures) -> float:
-        """ThicknessRamp [J] allowed to Phi as the air's R changes with x; its force rightly ignores that change."""
+        """Growth [J] allowed to Phi as the air's R changes with x; its force rightly ignores that change."""
         return self.c * abs(measures.air - self.before.air) if self.over > 0 else 0.0
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
