@@ -69,7 +69,7 @@ class SurfaceDetector:
         d_0, side_0, moved, sure_0 = 1e30, 1.0, a * 0, 0.0
         d_1, side_1, n_1, sure_1, solid_1, near = 1e30, 1.0, a * 0, 0.0, -1, -1
         when, n_hit, at_hit, solid_hit, hit = 2.0, a * 0, a * 0, -1, -1
-        closed, nearest = 0, 1e30
+        closed, nearest, pierced = 0, 1e30, 0
         node = 1
         while True:
             if self.tree.boxes.meets(node, low, high):
@@ -107,11 +107,15 @@ class SurfaceDetector:
                             nearest = ti.max(d_0, d_1)
                             within = ti.min(reach, ti.max(self.margin[0], nearest + 1e-6 * self.margin[0]))
                             low, high = ti.min(a, b) - within, ti.max(a, b) + within
-                        s = self.meeting(t, a, b, d, thick)
+                        s, through = self.meeting(t, a, b, d, thick)
+                        if through == 1 and (side > 0 or info[2] == 0):
+                            pierced = 1
                         if s < when and (side > 0 or info[2] == 0):
                             when, solid_hit, hit = s, info[0], t
-                            n_hit = side * normal_1
                             w_s, gone, normal_s = self.tree.closest(t, a + s * (b - a), s)
+                            n_hit = side * normal_1
+                            if gone.norm() > 1e-3 * thick:  # round an edge too, turned as the face turns
+                                n_hit = (gone.normalized() + side * (normal_1 - normal_s)).normalized()
                             at_hit = self.tree.point(t, w_s, 1.0) + thick * n_hit
             node = self.tree.boxes.following(node)
             if node == 1:
@@ -125,7 +129,9 @@ class SurfaceDetector:
             at = b - (height - thick) * n
             if d_1 <= reach and height < thick * (1 + KEEP):  # beyond reach, the nearest may not have been seen
                 solid = solid_1
-            if when <= 1 and (solid < 0 or (n_hit.dot(n) < SAME_SIDE and d_0 > 0.5 * thick)):
+            leaves = ti.cast(solid < 0 and n_hit.dot(b - at_hit) > 0, ti.i32)
+            round = ti.cast(solid >= 0 and (n_hit.dot(n) >= SAME_SIDE or d_0 <= 0.5 * thick), ti.i32)
+            if when <= 1 and round == 0 and (pierced == 1 or leaves == 1):
                 solid, triangle, n, at = solid_hit, hit, n_hit, at_hit
         if solid >= 0 and self.tree.info[triangle][1] == OFF:
             solid = -1
@@ -133,21 +139,24 @@ class SurfaceDetector:
 
     @ti.func
     def meeting(self, t, a, b, d, thick):
-        """When on the way from a to b triangle t comes within the thickness; 2 if never. d: distance at the start."""
-        when = 2.0
-        speed = 0.0
+        """When on the way from a to b triangle t comes within the thickness, 2 if never; whether the way goes through it. d:
+        distance at the start."""
+        when, through, speed = 2.0, 0, 0.0
         for k in range(3):
             speed = ti.max(speed, (b - a - self.tree.corner(t, k, 1.0) + self.tree.corner(t, k, 0.0)).norm())
+        s = 0.0
         if d - thick < HIT * thick:
             when = 0.0
-        elif d - thick < speed:
-            s = (d - thick) / speed
-            for _ in range(STRIDES):
-                if when > 1 and s <= 1:
-                    w, difference, normal = self.tree.closest(t, a + s * (b - a), s)
-                    left = difference.norm() - thick
-                    if left < HIT * thick:
-                        when = s
-                    else:
-                        s += left / speed
-        return when
+            s = d / ti.max(speed, 1e-30)
+        else:
+            s = (d - thick) / ti.max(speed, 1e-30)
+        for _ in range(STRIDES):
+            if through == 0 and s <= 1:
+                w, difference, normal = self.tree.closest(t, a + s * (b - a), s)
+                left = difference.norm()
+                if left < HIT * thick:
+                    through = 1
+                elif when > 1 and left - thick < HIT * thick:
+                    when = s
+                s += (left - thick * ti.cast(when > 1, float)) / speed
+        return when, through

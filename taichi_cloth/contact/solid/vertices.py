@@ -135,15 +135,25 @@ class VertexDetector:
                         if done <= length:
                             q = a + (b - a) * (done / length)
                             here = self.measure(s, q)
-            n_hit = ti.Vector([here[1], here[2], here[3]])
+            n_hit, at_hit = ti.Vector([here[1], here[2], here[3]]), q - (here[0] - t) * ti.Vector([here[1], here[2], here[3]])
+            through = 0
+            for _ in range(STRIDES):
+                if hit == 1 and through == 0 and done <= length:
+                    if here[0] < HIT * t:
+                        through = 1
+                    else:
+                        done += here[0]
+                        if done <= length:
+                            q = a + (b - a) * (done / length)
+                            here = self.measure(s, q)
             end = self.measure(s, b)
             n_end = ti.Vector([end[1], end[2], end[3]])
             if hit == 0 and end[0] - t < KEEP * t:
                 hit = 1
                 n_hit = n_end
             n, at = n_end, b - (end[0] - t) * n_end
-            if n_hit.dot(n_end) < SAME_SIDE and hit == 1:
-                n, at = n_hit, q - (here[0] - t) * n_hit
+            if n_hit.dot(n_end) < SAME_SIDE and through == 1:
+                n, at = n_hit, at_hit
         return hit, n, at
 
     @ti.func
