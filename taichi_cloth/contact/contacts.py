@@ -285,7 +285,7 @@ class Contacts(Checkpointed):
 
     def inspect(self) -> list[str]:
         """See `SolidCollisionDetector.inspect`; called at the beginning."""
-        notes = self.scan.inspect(self.start.h_usual)
+        notes = self.scan.inspect()
         self.clear()
         return notes + (self.layers.intersections.inspect() if self.layers is not None else [])
 

@@ -35,7 +35,7 @@ def scene_of(kind: str, count: int) -> tuple[tc.Scene, list]:
 @pytest.mark.parametrize("kind", ["analytic", "mesh"])
 def test_what_comes_within_the_thickness_is_met_and_nothing_else(kind, rng):
     """Fast vertices and moving solids, thin ones too; of several solids each, three at most; half of the vertices stand still.
-    What only grazes the thickness on its way is left out."""
+    What only grazes the thickness on its way, and not the solid, is left out."""
     scene, made = scene_of(kind, 60)
     sim = tc.Simulation(scene, h=H, threads=1)
     model, scan, n = sim.model, sim.contacts.scan, sim.model.n
@@ -52,7 +52,7 @@ def test_what_comes_within_the_thickness_is_met_and_nothing_else(kind, rng):
     for k, solid in enumerate(made):
         d = np.array([signed_distance(solid, s * H, x_0 + s * (x_1 - x_0)) for s in np.linspace(0, 1, SAMPLES)])
         nearest, start = d.min(axis=0), d[0]
-        must = (start > 1.05 * THICK) & (nearest < 0.3 * THICK)
+        must = (start > 1.05 * THICK) & (nearest < -0.05 * THICK)
         here = np.zeros(n, dtype=bool)
         here[found.index[found.solid == k]] = True
         missed += int(np.sum(must & ~here & (np.bincount(found.index, minlength=n) < 3)))
@@ -151,6 +151,31 @@ def test_what_flies_through_a_thin_solid_is_kept_on_its_side():
     assert len(found.index) == model.n and np.allclose(found.normal, [0, 1, 0])
     for gap, height in ((found.gap, -0.07), (found.start_gap, 0.05)):
         assert np.allclose(gap, height - 0.002 - THICK, atol=1e-4)
+
+
+@pytest.mark.parametrize("meshed", [False, True])
+@pytest.mark.parametrize("end, normal", [((0.008, -0.003), (1, 0)), ((0.002, -0.03), (0, 1)), ((0.02, -0.003), None)])
+def test_what_goes_round_an_edge_is_held_by_the_face_that_it_comes_to(meshed, end, normal):
+    """From a table's top round its edge in one step: beside it, through it and out again below, or past it. The plane of the
+    top, which goes on beyond the edge, is met by the second alone."""
+    box, scene = tc.Box((0.2, 0.02, 0.2)), tc.Scene()
+    mesh = tc.TriMesh(np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 1e-3]]), [[0, 2, 1]])
+    begin = np.array([-0.005, THICK + 1e-7])
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100)), positions=mesh.x + [begin[0], begin[1], 0])
+    scene.add_solid(tc.SolidMesh(*box.core()[:2]) if meshed else box, 0.0, THICK, position=(-0.1, -0.01, 0))
+    sim = tc.Simulation(scene, h=H, threads=1)
+    model = sim.model
+    x = model.read_particles()[0]
+    model.save()
+    model.write_particles(x + [*(np.array(end) - begin), 0], np.zeros_like(x))
+    sim.contacts.scan.set_time(0.0, H)
+    found = sim.contacts.scan.detect()
+    first = found.take(found.index == sim.model.particle[0])
+    if normal is None:
+        assert not (first.gap < 0).any()
+    else:
+        assert len(first.gap) == 1 and np.allclose(first.normal[0, :2], normal, atol=1e-3)
+        assert first.gap[0] == pytest.approx(np.dot(normal, end) - THICK, abs=1e-5)
 
 
 @pytest.mark.parametrize("speed", [2.0, 6.0])

@@ -1,8 +1,8 @@
 """Vertices of cloth against the surfaces of mesh solids, both on their way through the step.
 
-A vertex meets a plane, like those of analytic solids. It is that of the nearest triangle, or of the first that the vertex
-comes near within the step. That one is found by conservative advancement: strides of the distance left over the speed left,
-which cannot jump over a contact.
+A vertex meets a plane, like those of analytic solids. It is that of the nearest triangle at the end of the step, or, where the
+way leads through the surface, of the first that the vertex comes near. That one is found by conservative advancement: strides
+of the distance left over the speed left, which cannot jump over a contact. A vertex that only leaves a surface has its plane.
 """
 
 import numpy as np
@@ -129,9 +129,9 @@ class SurfaceDetector:
             at = b - (height - thick) * n
             if d_1 <= reach and height < thick * (1 + KEEP):  # beyond reach, the nearest may not have been seen
                 solid = solid_1
+            other_side = ti.cast(solid < 0 or (n_hit.dot(n) < SAME_SIDE and d_0 > 0.5 * thick), ti.i32)
             leaves = ti.cast(solid < 0 and n_hit.dot(b - at_hit) > 0, ti.i32)
-            round = ti.cast(solid >= 0 and (n_hit.dot(n) >= SAME_SIDE or d_0 <= 0.5 * thick), ti.i32)
-            if when <= 1 and round == 0 and (pierced == 1 or leaves == 1):
+            if when <= 1 and other_side == 1 and (pierced == 1 or leaves == 1):
                 solid, triangle, n, at = solid_hit, hit, n_hit, at_hit
         if solid >= 0 and self.tree.info[triangle][1] == OFF:
             solid = -1
@@ -141,22 +141,18 @@ class SurfaceDetector:
     def meeting(self, t, a, b, d, thick):
         """When on the way from a to b triangle t comes within the thickness, 2 if never; whether the way goes through it. d:
         distance at the start."""
-        when, through, speed = 2.0, 0, 0.0
+        when, speed = 2.0, 1e-30
         for k in range(3):
             speed = ti.max(speed, (b - a - self.tree.corner(t, k, 1.0) + self.tree.corner(t, k, 0.0)).norm())
-        s = 0.0
+        s, left = (d - thick) / speed, d
         if d - thick < HIT * thick:
-            when = 0.0
-            s = d / ti.max(speed, 1e-30)
-        else:
-            s = (d - thick) / ti.max(speed, 1e-30)
+            when, s = 0.0, d / speed
         for _ in range(STRIDES):
-            if through == 0 and s <= 1:
+            if s <= 1 and left >= HIT * thick:
                 w, difference, normal = self.tree.closest(t, a + s * (b - a), s)
                 left = difference.norm()
-                if left < HIT * thick:
-                    through = 1
-                elif when > 1 and left - thick < HIT * thick:
+                if when > 1 and left - thick < HIT * thick:
                     when = s
-                s += (left - thick * ti.cast(when > 1, float)) / speed
-        return when, through
+                if left >= HIT * thick:
+                    s += (left - thick * ti.cast(when > 1, float)) / speed
+        return when, ti.cast(when <= 1 and s <= 1, ti.i32)  # there, or nearer and nearer when strides run out

@@ -116,13 +116,13 @@ class SolidCollisionDetector:
         """How far any vertex of a mesh goes in the step [m]."""
         return self.tree.fastest if self.tree is not None else 0.0
 
-    def inspect(self, h: float) -> list[str]:
-        """Notes on faults of the scene from the start; remembers which particles are inside. h: a usual step [s]."""
+    def inspect(self) -> list[str]:
+        """Notes on faults of the scene from the start; remembers which particles are inside, before anything moves."""
         notes = [f"{s.name}: {note}" for s in self.solids if isinstance(s.shape, SolidMesh) for note in s.shape.notes]
         notes += [f"{s.name}: its thickness {s.thickness:g} m is more than the cloth's mean edge {self.edge:.3g} m: contacts "
                   "will look swollen" for s in self.solids if s.thickness > self.edge]
         self.model.save()
-        self.set_time(0.0, h)
+        self.set_time(0.0, 0.0)
         if self.tree is not None:
             self.tree.set_time(0.0, 0.0)
         size = 0.0

@@ -2,7 +2,10 @@
 
 A vertex moves from x_0 to x_1 while the solid moves from one pose to the next; in the solid's frame that is taken
 as a segment. It is followed in strides of the distance left, which none of these shapes can be nearer than. If
-it comes within the thickness there is a contact: a plane that the vertex must be above at the end of the step.
+it comes within the thickness there is a contact: a plane that the vertex must be above at the end of the step. It is that of
+the nearest point of the solid at the end. Only a vertex whose way leads through the solid, to another side of it, gets the
+plane of the point where it came within the thickness. One that goes round an edge in a step gets none of those: the plane
+of a table's top, which goes on beyond its edge, would hold it up until the next step.
 """
 
 from dataclasses import dataclass, replace
@@ -120,7 +123,7 @@ class VertexDetector:
 
     @ti.func
     def contact(self, s, a, b):
-        """Whether the way from a to b meets the thickness; its plane: normal, and a point on it."""
+        """Whether the way from a to b meets the thickness; its plane: normal, and a point on it, see above."""
         length, t = (b - a).norm(), self.thickness[s]
         n, at, hit = ti.Vector([0.0, 1.0, 0.0]), b, 0
         here = self.measure(s, a)
@@ -135,17 +138,14 @@ class VertexDetector:
                         if done <= length:
                             q = a + (b - a) * (done / length)
                             here = self.measure(s, q)
-            n_hit, at_hit = ti.Vector([here[1], here[2], here[3]]), q - (here[0] - t) * ti.Vector([here[1], here[2], here[3]])
-            through = 0
+            n_hit = ti.Vector([here[1], here[2], here[3]])
+            at_hit = q - (here[0] - t) * n_hit
             for _ in range(STRIDES):
-                if hit == 1 and through == 0 and done <= length:
-                    if here[0] < HIT * t:
-                        through = 1
-                    else:
-                        done += here[0]
-                        if done <= length:
-                            q = a + (b - a) * (done / length)
-                            here = self.measure(s, q)
+                if hit == 1 and here[0] >= HIT * t and done <= length:
+                    done += here[0]
+                    if done <= length:
+                        here = self.measure(s, a + (b - a) * (done / length))
+            through = ti.cast(hit == 1 and done <= length, ti.i32)  # it is there, or nearer and nearer when strides run out
             end = self.measure(s, b)
             n_end = ti.Vector([end[1], end[2], end[3]])
             if hit == 0 and end[0] - t < KEEP * t:
