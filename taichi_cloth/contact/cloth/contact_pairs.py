@@ -9,7 +9,7 @@ from ...system.checkpoint import Checkpointed
 from ..points import Points, rows_of, tangential
 from ..solid.pairs import SOFTER, STIFFER
 from .barrier import FLOOR
-from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
+from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, OFFSET, SLOPE, TAKEN, WAY
 
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again. With .3 for both a
 # load that holds a crossing takes 72 solves for 55, and cloth that is taut over a bar comes to .34 of the distance for .37
@@ -107,7 +107,7 @@ class LinearizedPairs:
 
     def friction(self, slip: np.ndarray) -> np.ndarray:
         """(k, 3) [N] at a slip (k, 3) [m/s], as the solve takes it."""
-        way = self.taken[WAY:].T
+        way, slip = self.taken[WAY:OFFSET].T, slip + self.taken[OFFSET:TAKEN].T
         across = slip - np.einsum("ki,ki->k", slip, way)[:, None] * way
         return -self.taken[BEARS][:, None] * way - self.taken[DRAG][:, None] * across
 

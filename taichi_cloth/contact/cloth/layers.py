@@ -44,7 +44,7 @@ LOOSE = 2.0  # absolute tolerance of a pair's force, in weights of its mass. Wit
 GIVE = 0.01  # the same in weak gravity, in parts of a pair's distance over h^2. With the earth's weight in its place two
 # sheets that meet without gravity turn each other by a tenth of their forces times the distance; .05 are tested
 
-NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
+NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0), "friction": np.zeros((0, 3))}
 
 
 class Layers(Checkpointed):
@@ -82,7 +82,7 @@ class Layers(Checkpointed):
             from .opened_seams import OpenedSeams
 
             self.opened_seams = OpenedSeams(model, d.mesh)
-        self.kept = NOTHING  # normal forces of pairs in the last accepted step
+        self.kept = NOTHING  # normal forces and friction [N] of pairs in the last accepted step
         self.linearized: LinearizedPairs | None = None
         self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
         self.near = ContactPairs.none()  # where cloth was last looked at
@@ -139,7 +139,7 @@ class Layers(Checkpointed):
         if k:
             there = self.predicted if self.compared is None else base
             self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
-                              self.start.c, int(not self.round), base, there, self._last_forces(p), row, before, taken, block,
+                              self.start.c, int(not self.round), base, there, self._last_forces(p), self._rubbed(p), row, before, taken, block,
                               rhs)
         points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
@@ -157,6 +157,11 @@ class Layers(Checkpointed):
         else:
             where, force = self.compared.rows, self.last_forces
         return np.where(where >= 0, force[where], -1.0) if len(force) else np.full(len(where), -1.0)
+
+    def _rubbed(self, p: ContactPairs) -> np.ndarray:
+        """(k, 3) friction [N] of pairs at the end of the last accepted step; 0 for those that were not there."""
+        where, friction = rows_of(self.kept["key"], p.key), self.kept["friction"]
+        return np.where((where >= 0)[:, None], friction[where], 0.0) if len(friction) else np.zeros((len(where), 3))
 
     @timed
     def advance(self) -> float:
@@ -249,10 +254,16 @@ class Layers(Checkpointed):
             if again.any():
                 self._release_stuck(again)
         self.least_before = self.least
-        self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
+        self.kept = NOTHING if q is None else self._carried(q)
         self.adaptive_stiffness.commit(p, self.start.share)
         self._weighed = None
         self.energy = self._energy(p)  # the next step begins with it
+
+    def _carried(self, q: LinearizedPairs) -> dict[str, np.ndarray]:
+        """`kept` of the pairs of a step's last solve, where the model now is."""
+        slip = q.slip(self.model.read_particles()[0] - self.start.x) / self.start.h
+        order = q.near.order
+        return {"key": q.near.key[order], "force": self.last_forces[order], "friction": q.friction(slip)[order]}
 
     @timed
     def count_tangled(self, everywhere: bool = True) -> None:

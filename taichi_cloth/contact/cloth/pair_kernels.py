@@ -20,14 +20,15 @@ PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step
 STOP = 30.0  # the same of the stop of an approach, h this step
 CONE = 1.02  # times the most that friction can be, above which a damped pair slides; with 1 a sheet at 60 m/s takes 42 steps
 # for 40 (five starts), `twist` 190 solves for 184, `layers` 121 for 128
-CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
+CREEP = 2e-5  # slip [m/s] by which friction between layers changes from nothing to all of it, while they stick
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
 # normal [m], its force [N], its potential [J], the most that its friction can be over its force
 OWN, STIFF, BEGAN, NOW, POTENTIAL, MU, WEIGHED = range(7)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
-# [N s/m], and, from WAY on, the direction of the slip of a sliding pair, 0 for one that sticks
-FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
+# [N s/m], from WAY on the direction of the slip of a sliding pair, 0 for one that sticks, and from OFFSET on the slip [m/s] that
+# friction counts besides, see `linearize`
+FORCE, SLOPE, AT, BEARS, DRAG, WAY, OFFSET, TAKEN = 0, 1, 2, 3, 4, 5, 8, 11
 # and as that led it: distance along its normal [m], size of friction [N], 1 where that pushes forwards
 GAP, RUBBED, BACK, LED = range(4)
 
@@ -68,7 +69,7 @@ class PairKernels:
     def linearize(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
                   end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
                   turns: ti.types.ndarray(), h: float, c: float, first: int, base: ti.types.ndarray(),
-                  there: ti.types.ndarray(), last_force: ti.types.ndarray(), row: ti.types.ndarray(),
+                  there: ti.types.ndarray(), last_force: ti.types.ndarray(), rubbed: ti.types.ndarray(), row: ti.types.ndarray(),
                   before: ti.types.ndarray(), out: ti.types.ndarray(),
                   block: ti.types.ndarray(), rhs: ti.types.ndarray()):
         """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
@@ -78,6 +79,7 @@ class PairKernels:
             first: 1 in a step's first solve.
             there: (n, 3) where slip is looked at.
             last_force: (k,) normal forces [N] of the last solve, negative where that is not known.
+            rubbed: (k, 3) friction [N] with which the last step ended: at no slip it stays. 0 for new pairs.
             row: (k,) their columns of `before`, from the last solve, or -1.
         """
         for k in range(vertices.shape[0]):
@@ -94,11 +96,16 @@ class PairKernels:
                 moved += w * now + n.dot(now) * turn
                 slip += (w * then + n.dot(then) * turn) / h
             slip -= n.dot(slip) * n
-            speed, expected = slip.norm(), last_force[k]
+            expected = last_force[k]
             if expected < 0:  # no more than stops those that are new
                 repelled, _ = law(at, radius[k])
                 expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
             bears = weighed[MU, k] * expected
+            offset = -CREEP / ti.max(bears, 1e-30) * row_of(rubbed, k)
+            offset -= n.dot(offset) * n
+            offset *= ti.min(1.0, CREEP / ti.max(offset.norm(), 1e-30))
+            slip += offset
+            speed = slip.norm()
             way = self.slip_direction(slip, speed, bears, row[k], before)
             drag = bears / ti.max(speed, CREEP)
             out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
@@ -106,8 +113,9 @@ class PairKernels:
             across = moved - ahead * n - way.dot(moved) * way
             rub = c / h * drag  # slip is the step's mean
             push = c * (force + slope * (at - began - ahead)) * n - rub * across - c * bears * way
+            push -= c * drag * (offset - offset.dot(way) * way)
             for a in ti.static(range(3)):
-                out[WAY + a, k] = way[a]
+                out[WAY + a, k], out[OFFSET + a, k] = way[a], offset[a]
                 rhs[k, a] = push[a]
             both = sym_scaled_identity(c * rub) + (c**2 * slope - c * rub) * sym_outer(n) - c * rub * sym_outer(way)
             for b in ti.static(range(6)):
@@ -124,7 +132,7 @@ class PairKernels:
             for a in ti.static(range(4)):
                 i = vertices[k, a]
                 slip += n.dot(self.model.x[i] - self.model.x_saved[i]) / h * turn_of(turns, k, a)
-            slip -= n.dot(slip) * n
+            slip += ti.Vector([taken[OFFSET + c, k] for c in ti.static(range(3))]) - n.dot(slip) * n
             along = slip.dot(way)
             out[GAP, k] = n.dot(x)
             out[RUBBED, k] = (taken[BEARS, k] * way + taken[DRAG, k] * (slip - along * way)).norm()
