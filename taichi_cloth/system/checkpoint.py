@@ -81,6 +81,9 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
         raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from versions {BEFORE} to "
                          f"{VERSION}")
     state = {_now(key): array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
+    pairs = len(state.get("contacts.layers.kept.key", ()))
+    if pairs:  # 14 added their friction
+        state |= {"contacts.layers.kept.friction": np.zeros((pairs, 3)), "contacts.layers.kept.slip": np.full(pairs, np.inf)}
     if version > BEFORE:
         return {**state, "version": np.array(VERSION)}
     of_force = below("gas", state)

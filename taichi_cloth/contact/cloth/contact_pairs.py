@@ -1,6 +1,6 @@
 """Pairs of cloth near cloth: as they are found, as a solve took them, as its end shows these, and how stiff they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +9,7 @@ from ...system.checkpoint import Checkpointed
 from ..points import Points, rows_of, tangential
 from ..solid.pairs import SOFTER, STIFFER
 from .barrier import FLOOR
-from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, OFFSET, SLOPE, TAKEN, WAY
+from .pair_kernels import AT, BEARS, CONE, DRAG, FORCE, GAP, OFFSET, SLOPE, TAKEN, WAY
 
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again. With .3 for both a
 # load that holds a crossing takes 72 solves for 55, and cloth that is taut over a bar comes to .34 of the distance for .37
@@ -110,6 +110,42 @@ class LinearizedPairs:
         way, slip = self.taken[WAY:OFFSET].T, slip + self.taken[OFFSET:TAKEN].T
         across = slip - np.einsum("ki,ki->k", slip, way)[:, None] * way
         return -self.taken[BEARS][:, None] * way - self.taken[DRAG][:, None] * across
+
+
+@dataclass(frozen=True)
+class EndedPairs:
+    """Pairs as the last accepted step ended, sorted by key.
+
+    Attributes:
+        key: (k,) see `ContactPairs.key`.
+        force: (k,) normal forces [N]; friction: (k, 3) [N].
+        slip: (k,) [m/s] of those that stuck, see `pair_kernels.PairKernels.slip_direction`; infinite for others.
+    """
+
+    key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    force: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    friction: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    slip: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def of(cls, q: LinearizedPairs, force: np.ndarray, slip: np.ndarray) -> "EndedPairs":
+        """Those of a last solve, by their normal forces (k,) [N] and slips (k, 3) [m/s]."""
+        friction, counted = q.friction(slip), np.linalg.norm(slip + q.taken[OFFSET:TAKEN].T, axis=1)
+        slides = np.any(q.taken[WAY:OFFSET] != 0, axis=0) | (np.linalg.norm(friction, axis=1) > CONE * q.taken[BEARS])
+        order = q.near.order
+        return cls(q.near.key[order], force[order], friction[order], np.where(slides, np.inf, counted)[order])
+
+    def forces(self, p: ContactPairs) -> np.ndarray:
+        """(k,) normal forces [N] of pairs; -1 for new ones."""
+        where = rows_of(self.key, p.key)
+        return np.where(where >= 0, self.force[where], -1.0) if len(self.key) else np.full(len(where), -1.0)
+
+    def rubbed(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
+        """(friction (k, 3) [N], slip (k,) [m/s]) of pairs; 0 and infinite for new ones."""
+        where = rows_of(self.key, p.key)
+        if not len(self.key):
+            return np.zeros((len(where), 3)), np.full(len(where), np.inf)
+        return np.where((where >= 0)[:, None], self.friction[where], 0.0), np.where(where >= 0, self.slip[where], np.inf)
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,12 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points, rows_of
+from ..points import Points
 from ..step_start import StepContext
 from . import pair_kernels
 from .barrier import FLOOR
 from .broad_phase import ROUNDING
-from .contact_pairs import CLOSE, AdaptiveStiffness, Comparison, ContactPairs, LinearizedPairs
+from .contact_pairs import CLOSE, AdaptiveStiffness, Comparison, ContactPairs, EndedPairs, LinearizedPairs
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
@@ -43,8 +43,6 @@ LOOSE = 2.0  # absolute tolerance of a pair's force, in weights of its mass. Wit
 # of them tried twice for 7
 GIVE = 0.01  # the same in weak gravity, in parts of a pair's distance over h^2. With the earth's weight in its place two
 # sheets that meet without gravity turn each other by a tenth of their forces times the distance; .05 are tested
-
-NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0), "friction": np.zeros((0, 3))}
 
 
 class Layers(Checkpointed):
@@ -82,7 +80,7 @@ class Layers(Checkpointed):
             from .opened_seams import OpenedSeams
 
             self.opened_seams = OpenedSeams(model, d.mesh)
-        self.kept = NOTHING  # normal forces and friction [N] of pairs in the last accepted step
+        self.kept = EndedPairs()  # in the last accepted step
         self.linearized: LinearizedPairs | None = None
         self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
         self.near = ContactPairs.none()  # where cloth was last looked at
@@ -138,9 +136,10 @@ class Layers(Checkpointed):
         before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
         if k:
             there = self.predicted if self.compared is None else base
+            rubbed, slipped = self.kept.rubbed(p)
             self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
-                              self.start.c, int(not self.round), base, there, self._last_forces(p), self._rubbed(p), row, before, taken, block,
-                              rhs)
+                              self.start.c, int(not self.round), base, there, self._last_forces(p), rubbed,
+                              np.where(row < 0, slipped, np.inf), row, before, taken, block, rhs)
         points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:
@@ -153,15 +152,9 @@ class Layers(Checkpointed):
     def _last_forces(self, p: ContactPairs) -> np.ndarray:
         """(k,) normal forces [N] of pairs in the last solve, or, where that is not known, -1."""
         if self.compared is None:
-            where, force = rows_of(self.kept["key"], p.key), self.kept["force"]
-        else:
-            where, force = self.compared.rows, self.last_forces
+            return self.kept.forces(p)
+        where, force = self.compared.rows, self.last_forces
         return np.where(where >= 0, force[where], -1.0) if len(force) else np.full(len(where), -1.0)
-
-    def _rubbed(self, p: ContactPairs) -> np.ndarray:
-        """(k, 3) friction [N] of pairs at the end of the last accepted step; 0 for those that were not there."""
-        where, friction = rows_of(self.kept["key"], p.key), self.kept["friction"]
-        return np.where((where >= 0)[:, None], friction[where], 0.0) if len(friction) else np.zeros((len(where), 3))
 
     @timed
     def advance(self) -> float:
@@ -254,16 +247,13 @@ class Layers(Checkpointed):
             if again.any():
                 self._release_stuck(again)
         self.least_before = self.least
-        self.kept = NOTHING if q is None else self._carried(q)
+        self.kept = EndedPairs()
+        if q is not None:
+            slip = q.slip(self.model.read_particles()[0] - self.start.x) / self.start.h
+            self.kept = EndedPairs.of(q, self.last_forces, slip)
         self.adaptive_stiffness.commit(p, self.start.share)
         self._weighed = None
         self.energy = self._energy(p)  # the next step begins with it
-
-    def _carried(self, q: LinearizedPairs) -> dict[str, np.ndarray]:
-        """`kept` of the pairs of a step's last solve, where the model now is."""
-        slip = q.slip(self.model.read_particles()[0] - self.start.x) / self.start.h
-        order = q.near.order
-        return {"key": q.near.key[order], "force": self.last_forces[order], "friction": q.friction(slip)[order]}
 
     @timed
     def count_tangled(self, everywhere: bool = True) -> None:
@@ -365,7 +355,7 @@ class Layers(Checkpointed):
 
     def clear(self) -> None:
         """The state was changed from outside."""
-        self.kept, self.linearized, self._weighed = NOTHING, None, None
+        self.kept, self.linearized, self._weighed = EndedPairs(), None, None
         self.adaptive_stiffness.clear()
         self.model.save()
         self.intersections.until[:] = 0

@@ -11,7 +11,7 @@ from ...forces.conditions import sym_outer, sym_scaled_identity
 from ...options import USUAL
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE
-from ..solid.pairs import SETTLING
+from ..solid.pairs import SETTLING, STIFFER
 from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
@@ -26,8 +26,8 @@ CREEP = 2e-5  # slip [m/s] by which friction between layers changes from nothing
 # normal [m], its force [N], its potential [J], the most that its friction can be over its force
 OWN, STIFF, BEGAN, NOW, POTENTIAL, MU, WEIGHED = range(7)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
-# [N s/m], from WAY on the direction of the slip of a sliding pair, 0 for one that sticks, and from OFFSET on the slip [m/s] that
-# friction counts besides, see `linearize`
+# [N s/m], from WAY on the direction of the slip of a sliding pair, 0 for one that sticks, and from OFFSET on the slip [m/s]
+# that friction counts besides, see `linearize`
 FORCE, SLOPE, AT, BEARS, DRAG, WAY, OFFSET, TAKEN = 0, 1, 2, 3, 4, 5, 8, 11
 # and as that led it: distance along its normal [m], size of friction [N], 1 where that pushes forwards
 GAP, RUBBED, BACK, LED = range(4)
@@ -69,7 +69,8 @@ class PairKernels:
     def linearize(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
                   end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
                   turns: ti.types.ndarray(), h: float, c: float, first: int, base: ti.types.ndarray(),
-                  there: ti.types.ndarray(), last_force: ti.types.ndarray(), rubbed: ti.types.ndarray(), row: ti.types.ndarray(),
+                  there: ti.types.ndarray(), last_force: ti.types.ndarray(), rubbed: ti.types.ndarray(),
+                  slipped: ti.types.ndarray(), row: ti.types.ndarray(),
                   before: ti.types.ndarray(), out: ti.types.ndarray(),
                   block: ti.types.ndarray(), rhs: ti.types.ndarray()):
         """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
@@ -79,7 +80,8 @@ class PairKernels:
             first: 1 in a step's first solve.
             there: (n, 3) where slip is looked at.
             last_force: (k,) normal forces [N] of the last solve, negative where that is not known.
-            rubbed: (k, 3) friction [N] with which the last step ended: at no slip it stays. 0 for new pairs.
+            rubbed: (k, 3) friction [N] with which the last step ended, 0 for new pairs: without slip it stays as it is.
+            slipped: (k,) the slip [m/s] with which pairs that stuck ended that step; infinite for others.
             row: (k,) their columns of `before`, from the last solve, or -1.
         """
         for k in range(vertices.shape[0]):
@@ -107,6 +109,8 @@ class PairKernels:
             slip += offset
             speed = slip.norm()
             way = self.slip_direction(slip, speed, bears, row[k], before)
+            if own * speed <= h * bears:  # friction can stop it within the step: it is to stick harder than it did
+                speed = ti.min(speed, slipped[k] / STIFFER)
             drag = bears / ti.max(speed, CREEP)
             out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
             ahead = n.dot(moved)
@@ -198,7 +202,8 @@ class PairKernels:
 
         Friction of a sliding pair has its full size, against that direction. Friction of one that sticks is a damping by its
         last slip: it never pushes backwards, and bounds friction's work from above. A pair slides once the damping is more
-        than Coulomb's bound. It sticks again when its slip reverses.
+        than Coulomb's bound. It sticks again when its slip reverses. Slip counts from that at which friction would be what it
+        was at the end of the last step: what sticks does not creep.
         """
         way = 0 * slip
         if row >= 0 and bears > 0:
