@@ -82,8 +82,11 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
                          f"{VERSION}")
     state = {_now(key): array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
     pairs = len(state.get("contacts.layers.kept.key", ()))
-    if pairs:  # 14 added their friction
+    if pairs:  # 14 added friction, of pinched particles too
         state |= {"contacts.layers.kept.friction": np.zeros((pairs, 3)), "contacts.layers.kept.slip": np.full(pairs, np.inf)}
+    if "contacts.solids.pinches.accepted.index" in state:
+        pinched = len(state["contacts.solids.pinches.accepted.index"])
+        state |= {"contacts.solids.pinches.accepted.friction": np.zeros((pinched, 3))}
     if version > BEFORE:
         return {**state, "version": np.array(VERSION)}
     of_force = below("gas", state)

@@ -16,7 +16,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.elements import lumped_mass
 from ...system.held import Held
-from ..points import EYE, Points, length, sym_outer, sym_times, tangential, unit
+from ..points import EYE, Points, length, rows_of, sym_outer, sym_times, tangential, unit
 from ..step_start import StepContext
 from .facing import FacingSurfaces, Sides
 from .query import SolidCollisionDetector
@@ -42,6 +42,7 @@ class Pinched:
         index: (k,) particles, sorted.
         solid: (k, 2) of either side; normal: (k, 2, 3) out of it; height: (k, 2) above it when last looked [m].
         share: (k,) of the room that is below the particle, from the first side.
+        friction: (k, 3) [N] with which the last accepted step ended.
     """
 
     index: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -49,6 +50,7 @@ class Pinched:
     normal: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
     height: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     share: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    friction: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -113,14 +115,15 @@ class Pinches(Checkpointed):
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
         self.led = np.zeros(0, dtype=bool)
-        self.contacts, self.slip, self.rubbing = VertexContacts.none(), np.zeros((0, 3)), Points.none()
+        self.contacts, self.rubbing = VertexContacts.none(), Points.none()
+        self.slip = self.before = self.rubs = np.zeros((0, 3))
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
         self.trial = self.accepted
         self.target = self.forces = np.zeros((len(self.trial.index), 3))
         self.led = np.zeros(len(self.trial.index), dtype=bool)
-        self.contacts, self.rubbing = VertexContacts.none(), Points.none()
+        self.contacts, self.rubbing, self.rubs = VertexContacts.none(), Points.none(), self.trial.friction
         self._mark()
 
     def _mark(self) -> None:
@@ -149,10 +152,17 @@ class Pinches(Checkpointed):
         both, share = both.take(order), share[order]
         self.trial = Pinched(both.index, np.stack([both.a.solid, both.b.solid], axis=1),
                              np.stack([both.a.normal, both.b.normal], axis=1),
-                             np.stack([both.a.height, both.b.height], axis=1), share)
+                             np.stack([both.a.height, both.b.height], axis=1), share, self._rubbed(both.index))
         self.target, self.contacts = self._lead(start, both, share), self._as_contacts(start, both)
-        self.forces, self.rubbing = np.zeros_like(self.target), Points.none()
+        self.forces, self.rubbing, self.rubs = np.zeros_like(self.target), Points.none(), self.trial.friction
         self._mark()
+
+    def _rubbed(self, index: np.ndarray) -> np.ndarray:
+        """(k, 3) friction [N] on particles (k,) at the end of the last step; 0 where they were not pinched."""
+        row = rows_of(self.accepted.index, index)
+        if not len(self.accepted.index):
+            return np.zeros((len(row), 3))
+        return np.where((row >= 0)[:, None], self.accepted.friction[row], 0.0)
 
     def _as_contacts(self, start: StepContext, both: Between) -> VertexContacts:
         """One contact with both surfaces for each: it is carried by the mean of their motions, and they rub together."""
@@ -275,20 +285,24 @@ class Pinches(Checkpointed):
 
     def rub(self, start: StepContext, there: np.ndarray, v: np.ndarray) -> Points:
         """Friction of the surfaces on both sides, with where particles are expected at the end, there (n, 3) [m], in a solve
-        that begins with velocities v (n, 3) [m/s]: a damping F / max(|u|, CREEP) along them, u the expected slip."""
+        that begins with velocities v (n, 3) [m/s]: a damping F / max(|u|, CREEP) along them, u the expected slip. It counts
+        from that at which friction would be what it was at the end of the last step: what is held does not creep."""
         f, c = self.contacts, start.c
         if len(f.index):
+            bearable = self._bearable()
+            before = -CREEP * tangential(self.trial.friction, f.normal) / np.maximum(bearable, 1e-300)[:, None]
+            self.before = before * np.minimum(1.0, CREEP / np.maximum(length(before), 1e-300))[:, None]
             self.slip = self._slip(start, there)
-            size = c * self._bearable() / np.maximum(length(self.slip), CREEP)
+            size = c * bearable / np.maximum(length(self.slip), CREEP)
             block = size[:, None] * (EYE - sym_outer(f.normal))
-            against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
+            against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h + self.before
             self.rubbing = Points.at(f.index, c / start.h * block, -sym_times(block, against))
         return self.rubbing
 
     def _slip(self, start: StepContext, there: np.ndarray) -> np.ndarray:
-        """(k, 3) velocities [m/s] against the surfaces, of particles that end there (n, 3) [m]."""
+        """(k, 3) velocities [m/s] against the surfaces, of particles that end there (n, 3) [m], as friction counts them."""
         f = self.contacts
-        return tangential((there[f.index] - f.carried) / start.h, f.normal)
+        return tangential((there[f.index] - f.carried) / start.h, f.normal) + self.before
 
     def _bearable(self) -> np.ndarray:
         """(k,) friction [N] of the surfaces on both sides at most."""
@@ -310,11 +324,12 @@ class Pinches(Checkpointed):
             whole = np.zeros((len(self.where), 3))
             whole[held.index] = reaction
             self.forces = whole[self.trial.index] * self.led[:, None]
-            self.forces += self.rubbing.forces(moved, c)
+            self.rubs = self.rubbing.forces(moved, c)
+            self.forces += self.rubs
 
     def commit(self) -> None:
         """The step was accepted."""
-        self.accepted = self.trial
+        self.accepted = replace(self.trial, friction=self.rubs)
 
 
 def _fill(sides: Sides, rows: np.ndarray, part: Sides) -> None:
