@@ -9,6 +9,7 @@ FOUND = REFERENCE + "test_all_pairs_in_reach_are_found_as_they_are"
 WAY = REFERENCE + "test_the_free_way_of_every_pair"
 SOLVES = REFERENCE + "test_solves_are_told_what_the_reference_says"
 SETTLED = REFERENCE + "test_a_step_ends_when_forces_and_friction_agree"
+STICKS = "tests/physics/test_contact_laws.py::test_law[layers_stick-slip]"
 UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_on_cloth.py::"
 LATER = UNIT + "test_contacts_with_solids_that_still_change_do_so_in_the_next_step"
 GROWS = UNIT + "test_room_for_points_of_contact_grows"
@@ -72,6 +73,12 @@ MUTATIONS = (
     (CONTACT + "cloth/pair_kernels.py", "PRESS = 12.0", "PRESS = 120.0", "pairs ten times as stiff", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "STOP = 30.0", "STOP = 3.0", "approaches stopped by a tenth", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "CREEP = 2e-5", "CREEP = 2e-3", "friction viscous to higher slips", SOLVES),
+    (CONTACT + "cloth/pair_kernels.py", "slip += offset\n", "slip += 0 * offset\n", "friction begins anew each step", SOLVES),
+    (CONTACT + "cloth/pair_kernels.py", "slipped[k] / STIFFER", "slipped[k]", "what stuck sticks no harder", SOLVES),
+    (CONTACT + "cloth/contact_pairs.py", "friction[order], np.where(slides", "0 * friction[order], np.where(slides",
+     "friction is forgotten from step to step", STICKS),
+    (CONTACT + "cloth/contact_pairs.py", "np.where(slides, np.inf, counted)", "np.where(slides, np.inf, np.inf)",
+     "pairs that stuck are not known", STICKS),
     (CONTACT + "cloth/pair_kernels.py", "STEEP = 4.0", "STEEP = 40.0", "friction of edges near parallel", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "stop *= 0", "stop *= 1", "what stops approaches pulls back", SOLVES),
     (CONTACT + "cloth/pair_kernels.py",

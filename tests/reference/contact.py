@@ -21,6 +21,7 @@ STOPPING = 30.0  # of what stops an approach, over mass / h^2, h this step
 END, ANGLE = 0.05, 1e-3  # part of an edge near its ends, squared sine of the angle between edges, where pairs fade
 STEEP = 4.0  # size of a turn from which on friction fades
 CREEP = 2e-5  # m/s of slip below which friction is viscous
+HARDER = 4.0  # times the damping that a pair had, if it stuck
 
 
 # closest points
@@ -223,16 +224,17 @@ class Pair:
         return self.stiff * force + self.stopping * stopped, self.stiff * slope + self.stopping * (stopped > 0)
 
     def take(self, first: bool, bore: float | None, there: np.ndarray, base: np.ndarray, v: np.ndarray,
-             before: tuple[float, float, np.ndarray] | None) -> tuple:
+             before: tuple[float, float, np.ndarray] | None, rubbed: np.ndarray, slipped: float) -> tuple:
         """The pair as a solve takes it.
 
         Args:
             bore: its force in the last solve [N], None where it is new.
             there, base: (4, 3) how far its particles have gone [m] where slip is looked at, and where the solve begins.
             v: (4, 3) velocities at the step's beginning; before: (bound [N], drag, way) of the last solve.
+            rubbed: (3,) friction [N] at the end of the last step; slipped: how fast it slipped there [m/s], if it stuck.
 
         Returns:
-            (A (3, 3), r (3,), force, slope, at, bound, drag, way).
+            (A (3, 3), r (3,), force, slope, at, bound, drag, way, offset (3,) [m/s] that is added to its slip).
         """
         room = lambda part: (FLOOR + part * (1 - FLOOR)) * self.r  # noqa: E731
         least = min(max(self.began, room(LAST)), room(0.5)) if first else LAST * self.r
@@ -242,18 +244,24 @@ class Pair:
             near = self.r - self.began - self.h * float(self.n @ (self.w @ v))
             bore = min(self.stiff * repulsion(at, self.r)[1], self.own / self.h**2 * max(near, 0.0))
         P = np.eye(3) - np.outer(self.n, self.n)
-        slip = P @ self.J @ there.ravel() / self.h
-        size, bound, way = np.linalg.norm(slip), self.rubs * bore, np.zeros(3)
+        bound, way = self.rubs * bore, np.zeros(3)
+        offset = P @ rubbed * (-CREEP / max(bound, 1e-30))
+        offset *= min(1.0, CREEP / max(np.linalg.norm(offset), 1e-30))
+        slip = P @ self.J @ there.ravel() / self.h + offset
+        size = np.linalg.norm(slip)
         if before is not None and bound > 0:
             old_bound, old_drag, old_way = before
             if (slip @ old_way > 0) if old_way.any() else (old_drag * size > 1.02 * old_bound):
                 way = slip / size
+        if before is None and self.own * size <= self.h * bound:
+            size = min(size, slipped / HARDER)
         drag = bound / max(size, CREEP)
         across = P - np.outer(way, way)
         A = self.h**2 * slope * np.outer(self.n, self.n) + self.h * drag * across
         moved = self.J @ base.ravel()
         r = self.h * (force + slope * (at - self.began - self.n @ moved)) * self.n
-        return A, r - drag * across @ moved - self.h * bound * way, force, slope, at, bound, drag, way
+        r = r - drag * across @ (moved + self.h * offset) - self.h * bound * way
+        return A, r, force, slope, at, bound, drag, way, offset
 
 
 # times of impact

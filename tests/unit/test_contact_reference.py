@@ -12,7 +12,7 @@ from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
 from taichi_cloth.contact.cloth import barrier as repulsion
-from taichi_cloth.contact.cloth.contact_pairs import AdaptiveStiffness
+from taichi_cloth.contact.cloth.contact_pairs import AdaptiveStiffness, EndedPairs
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, LED, OWN, POTENTIAL, RUBBED, STIFF
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
@@ -303,7 +303,14 @@ def test_solves_are_told_what_the_reference_says(rng):
     layers.detector.cover()
     layers.begin(dataclasses.replace(layers.start, h=H / 2, x=x_0), True)
     before, slid, stuck, new = Solve({}, {}), 0, 0, 0
-    bore: dict = {}
+    # half of the pairs were there in the step before, and some of these stuck
+    keys, p = list(reference_pairs(sim, layers.near, model_at, x_0, layers.adaptive_stiffness.scale)), layers.near
+    order = np.argsort(p.key)[rng.random(len(keys)) < 0.5]
+    kept = EndedPairs(p.key[order], 1e-3 * rng.random(len(order)), 1e-3 * rng.normal(size=(len(order), 3)),
+                      np.where(rng.random(len(order)) < 0.5, 10.0 ** rng.uniform(-6, -1, len(order)), np.inf))
+    layers.kept = kept
+    ended = {keys[row]: (kept.friction[k], kept.slip[k]) for k, row in enumerate(order)}
+    bore: dict = {keys[row]: kept.force[k] for k, row in enumerate(order)}
     for k in range(3):
         p = layers.near
         pairs = reference_pairs(sim, p, model_at, x_0, layers.adaptive_stiffness.scale)
@@ -315,7 +322,7 @@ def test_solves_are_told_what_the_reference_says(rng):
             v = p.vertices[row]
             old = before.taken.get(key)
             taken[key] = pair.take(k == 0, bore.get(key), there[v] - x_0[v], base[v] - x_0[v], v_0[v],
-                                   None if old is None else old[5:8])
+                                   None if old is None else old[5:8], *ended.get(key, (np.zeros(3), np.inf)))
         A = np.stack([t[0][np.triu_indices(3)] for t in taken.values()])
         r = np.stack([t[1] for t in taken.values()])
         size = np.abs(A).max(axis=1, keepdims=True)
@@ -343,10 +350,10 @@ def test_solves_are_told_what_the_reference_says(rng):
         forces = np.zeros_like(x_0)
         for row, (key, pair) in enumerate(pairs.items()):
             v = p.vertices[row]
-            A_k, r_k, force, slope, at, bound, drag, way = taken[key]
+            A_k, r_k, force, slope, at, bound, drag, way, offset = taken[key]
             moved = (model_at - x_0)[v]
             now = pair.n @ (pair.w @ model_at[v])
-            slip = (np.eye(3) - np.outer(pair.n, pair.n)) @ pair.J @ moved.ravel() / (H / 2)
+            slip = (np.eye(3) - np.outer(pair.n, pair.n)) @ pair.J @ moved.ravel() / (H / 2) + offset
             ahead = slip @ way
             normal = force + slope * (at - now)
             bore[key] = max(normal, 0.0)

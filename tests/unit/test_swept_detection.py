@@ -153,29 +153,46 @@ def test_what_flies_through_a_thin_solid_is_kept_on_its_side():
         assert np.allclose(gap, height - 0.002 - THICK, atol=1e-4)
 
 
-@pytest.mark.parametrize("meshed", [False, True])
-@pytest.mark.parametrize("end, normal", [((0.008, -0.003), (1, 0)), ((0.002, -0.03), (0, 1)), ((0.02, -0.003), None)])
-def test_what_goes_round_an_edge_is_held_by_the_face_that_it_comes_to(meshed, end, normal):
-    """From a table's top round its edge in one step: beside it, through it and out again below, or past it. The plane of the
-    top, which goes on beyond the edge, is met by the second alone."""
+def moved(meshed: bool, begin: np.ndarray, end: np.ndarray):
+    """The contact of a vertex that goes from one place (2,) to another in a step, by the edge x = y = 0 of a box."""
     box, scene = tc.Box((0.2, 0.02, 0.2)), tc.Scene()
     mesh = tc.TriMesh(np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 1e-3]]), [[0, 2, 1]])
-    begin = np.array([-0.005, THICK + 1e-7])
-    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100)), positions=mesh.x + [begin[0], begin[1], 0])
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100)), positions=mesh.x + [*begin, 0])
     scene.add_solid(tc.SolidMesh(*box.core()[:2]) if meshed else box, 0.0, THICK, position=(-0.1, -0.01, 0))
     sim = tc.Simulation(scene, h=H, threads=1)
     model = sim.model
     x = model.read_particles()[0]
     model.save()
-    model.write_particles(x + [*(np.array(end) - begin), 0], np.zeros_like(x))
+    model.write_particles(x + [*(end - begin), 0], np.zeros_like(x))
     sim.contacts.scan.set_time(0.0, H)
     found = sim.contacts.scan.detect()
-    first = found.take(found.index == sim.model.particle[0])
+    return found.take(found.index == model.particle[0])
+
+
+@pytest.mark.parametrize("meshed", [False, True])
+@pytest.mark.parametrize("end, normal", [((0.008, -0.003), (1, 0)), ((0.002, -0.03), (0, 1)), ((0.02, -0.003), None)])
+def test_what_goes_round_an_edge_is_held_by_the_face_that_it_comes_to(meshed, end, normal):
+    """From a table's top round its edge in one step: beside it, through it and out again below, or past it. The plane of the
+    top, which goes on beyond the edge, is met by the second alone."""
+    found = moved(meshed, np.array([-0.005, THICK + 1e-7]), np.array(end))
     if normal is None:
-        assert not (first.gap < 0).any()
+        assert not (found.gap < 0).any()
     else:
-        assert len(first.gap) == 1 and np.allclose(first.normal[0, :2], normal, atol=1e-3)
-        assert first.gap[0] == pytest.approx(np.dot(normal, end) - THICK, abs=1e-5)
+        assert len(found.gap) == 1 and np.allclose(found.normal[0, :2], normal, atol=1e-3)
+        assert found.gap[0] == pytest.approx(np.dot(normal, end) - THICK, abs=1e-5)
+
+
+@pytest.mark.parametrize("meshed", [False, True])
+def test_an_edge_that_is_hit_is_round(meshed):
+    """A way that leads through an edge meets the plane across the direction from the edge to where it came within the
+    thickness."""
+    begin, end = np.array([0.012, 0.006]), np.array([-0.014, -0.03])
+    s = np.linspace(0, 1, 100001)
+    way = begin + s[:, None] * (end - begin)
+    n = way[np.argmax(np.linalg.norm(way, axis=1) <= THICK)] / THICK
+    found = moved(meshed, begin, end)
+    assert n.min() > 0.2 and len(found.gap) == 1 and np.allclose(found.normal[0, :2], n, atol=5e-3)
+    assert found.gap[0] == pytest.approx(n @ end - THICK, abs=2e-4)
 
 
 @pytest.mark.parametrize("speed", [2.0, 6.0])
