@@ -306,7 +306,8 @@ def test_solves_are_told_what_the_reference_says(rng):
     # half of the pairs were there in the step before, and some of these stuck
     keys, p = list(reference_pairs(sim, layers.near, model_at, x_0, layers.adaptive_stiffness.scale)), layers.near
     order = np.argsort(p.key)[rng.random(len(keys)) < 0.5]
-    kept = EndedPairs(p.key[order], 1e-3 * rng.random(len(order)), 1e-3 * rng.normal(size=(len(order), 3)),
+    force = 10.0 ** rng.uniform(-4, 0, len(order))
+    kept = EndedPairs(p.key[order], force, 0.2 * force[:, None] * rng.normal(size=(len(order), 3)),
                       np.where(rng.random(len(order)) < 0.5, 10.0 ** rng.uniform(-6, -1, len(order)), np.inf))
     layers.kept = kept
     ended = {keys[row]: (kept.friction[k], kept.slip[k]) for k, row in enumerate(order)}
