@@ -131,7 +131,7 @@ class EndedPairs:
     def of(cls, q: LinearizedPairs, force: np.ndarray, slip: np.ndarray) -> "EndedPairs":
         """Those of a last solve, by their normal forces (k,) [N] and slips (k, 3) [m/s]."""
         friction, counted = q.friction(slip), np.linalg.norm(slip + q.taken[OFFSET:TAKEN].T, axis=1)
-        slides = np.any(q.taken[WAY:OFFSET] != 0, axis=0) | (np.linalg.norm(friction, axis=1) > CONE * q.taken[BEARS])
+        slides = np.any(q.taken[WAY:OFFSET] != 0, axis=0) | (CONE * np.linalg.norm(friction, axis=1) > q.taken[BEARS])
         order = q.near.order
         return cls(q.near.key[order], force[order], friction[order], np.where(slides, np.inf, counted)[order])
 
