@@ -22,7 +22,6 @@ AGREED = 0.001  # tolerance of the residual of contacts, in parts of all impulse
 # momentum). With .002 and .0005 `sphere_drape` takes 385 and 404 solves for 390 in 1 s
 NEAR = 0.03  # above this residual, states of contacts come from the proximal gradient method. With layers, friction is viscous
 # in the next solve instead. With 0, .01, this and .1 `sphere_drape` takes 372, 370, 381, 397 solves
-# 383
 STRICT = 3  # solves with the tolerance AGREED; it doubles in each later one. With 2 and 7 385 and 472 solves for 390
 
 

@@ -80,8 +80,8 @@ class StepRecord:
         unconverged_contacts: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
             many pairs of cloth not on their forces.
         contact_error: how far contacts with solids are off, as a part of all impulses: weight, contact, pins, changes of
-            momentum. In usual steps by Coulomb's law against the linear solve. With contact_tol it is how far the last solve's
-            impulses are off that law or, in a step that is not solved, forces off balance if that is more. Edges, layers and
+            momentum. Without contact_tol: impulses by Coulomb's law against those of the linear solve. With it: the same,
+            of the last solve; in a step that did not converge, forces off balance if these are more. Edges, layers and
             pinched cloth do not count.
         solid_intersections: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
         layers: pairs of cloth in contact with cloth; min_gap_ratio: the smallest distance of any over the distance to keep.

@@ -25,7 +25,7 @@ SAID = (
     ("theory/solids.md", "in steps {:g} times smaller", "contact/step_start.py", "SMALLER"),
     ("theory/solids.md", "{:g} s.", "contact/solid/penetration.py", "SPARED"),
     ("theory/layers.md", "k = {:g}\\,\\frac{{m}}{{(1/60\\,\\text{{s}})^2}}", "contact/cloth/pair_kernels.py", "PRESS"),
-    ("theory/layers.md", "more than ${:g}\\,R$ a second", "contact/solid/pairs.py", "SETTLING"),
+    ("theory/layers.md", "more than ${:g}\\,r$ a second", "contact/solid/pairs.py", "SETTLING"),
     ("theory/layers.md", "${:g}\\,m/h^2$", "contact/cloth/pair_kernels.py", "STOP"),
     ("theory/layers.md", "(at most {:g} times)", "contact/cloth/contact_pairs.py", "STIFFEST"),
     ("theory/layers.md", "within {:.0%} of all forces", "contact/cloth/layers.py", "AGREED"),

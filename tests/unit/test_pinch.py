@@ -35,7 +35,7 @@ def held_at(contacts, height, share=0.5):
     x[:, 1] = height - contacts.solids.model.origin[1]
     above = np.stack([x[:, 1], GAP - x[:, 1]], axis=1)
     contacts.solids.pinches.accepted = Pinched(np.arange(n), np.tile([0, 1], (n, 1)), np.tile([UP, DOWN], (n, 1, 1)), above,
-                                               np.full(n, share))
+                                               np.full(n, share), np.zeros((n, 3)))
     return x
 
 

@@ -1,9 +1,9 @@
 """The law of contact with solids, and the states of contacts that follow from it. numpy only.
 
-A contact puts an impulse p on its particle, in a step of c [s]. Its gap g [m] at the end and its slip u [m/s] satisfy the law
+A contact puts an impulse p on its particle, in a step of c [s]. Its gap d [m] at the end and its slip u [m/s] satisfy the law
 if, for any positive m and r [kg],
 
-    p_n = max(0, p_n - m g/c),    p_t = (p_t - r u) min(1, mu p_n / |p_t - r u|):
+    p_n = max(0, p_n - m d/c),    p_t = (p_t - r u) min(1, mu p_n / |p_t - r u|):
 
 Then no contact pulls, no particle is inside, and an open contact carries no load. A contact whose friction is less than mu p_n
 sticks; one that slides has as much against its slip [Alart and Curnier 1991]. Inserting the p of a linear solve on the right

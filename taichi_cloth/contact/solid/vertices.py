@@ -21,9 +21,9 @@ from .sdf import distance
 
 SLOTS = 6  # contacts of one vertex; of more, those that it is deepest in
 WIDTH = 10  # numbers of a contact: normal (3), gap at the end, gap at the start, carried start (3), solid, triangle or -1
-STRIDES = 48  # along a path towards where two things touch, each as far as they cannot; between layers too
+STRIDES = 48  # steps of sphere tracing at most; between layers too
 HIT = 1e-3  # of the thickness: nearer than this is a hit
-KEEP = 0.5  # of the thickness: a contact that was there is looked after up to this far away
+KEEP = 0.5  # of the thickness: contacts are reported that are this far above their plane
 SAME_SIDE = 0.7  # cosine between normals at the hit and at the end for the end's to be taken
 
 

@@ -25,8 +25,9 @@ from .newton import Outcome, StepProblem, minimize
 ROUNDS = 13  # solves of (18), after which a step goes on with the last states of contacts
 MORE = 2  # solves besides `newton_max` further ones that a step may take with `contact_tol`; with 0 and 4 `sphere_drape` takes
 # 562 and 596 for 512 in 1 s
-FINEST = 4  # times smaller than the usual step, one that is not solved is made without. With 1, 2, 4, 8 `bunny_drape` takes
-# 534, 811, 687, 731 solves, .085, .020, .014, .006 J unaccounted for; `sphere_drape` 532, 651, 584, 584, .16 to .007 J
+FINEST = 4  # times smaller than a full step, one that is not solved is made without `contact_tol`. With 1, 2, 4, 8
+# `bunny_drape` takes 534, 811, 687, 731 solves, .085, .020, .014, .006 J unaccounted for; `sphere_drape` 532, 651, 584, 584,
+# .16 to .007 J
 
 
 def forces_at_end(system: System, c: float, held: Held | None, over: float) -> tuple[Measures, np.ndarray, np.ndarray]:
