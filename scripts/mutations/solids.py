@@ -28,7 +28,12 @@ BETWEEN, FACING = (f"{CLOSING}::{name}" for name in (
     "test_what_is_between_bears_and_is_resumed_bit_for_bit", "test_surfaces_by_where_they_face"))
 PULLED = f"{CLOSING}::test_what_is_pinched_is_pulled_out"
 ALONG = f"{CLOSING}::test_a_wall_pushes_cloth_along_a_floor"
-LEFT_ACROSS = "tests/unit/test_pinch.py::test_an_edge_that_is_left_across_a_solid_comes_out"
+LEFT_ACROSS, ACROSS, INSIDE, BORDER, BESIDE = (f"tests/unit/test_pinch.py::{name}" for name in (
+    "test_an_edge_that_is_left_across_a_solid_comes_out", "test_raised_edges_are_without_pairs_only_across",
+    "test_what_was_pinched_and_is_inside_comes_out", "test_what_is_past_the_border_of_a_surface_is_not_below_it",
+    "test_no_small_step_is_refused_beside_what_is_pinched"))
+LOWERED = f"{CLOSING}::test_an_arm_that_is_lowered_into_the_trunk_it_grows_from"
+HIDDEN, BURIED = "tests/unit/test_buried.py", "taichi_cloth/contact/solid/buried.py"
 PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/test_pinch.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
@@ -103,7 +108,7 @@ MUTATIONS = (
      f"{HARD}::test_in_the_corner_of_two_planes"),
     (RESPONSE, "down = 2 * np.maximum(nearing, 0) + FALL", "down = 0 * np.maximum(nearing, 0) + FALL",
      "fast cloth is not stopped at the surface", SWEPT),
-    (RESPONSE, "PUSH * self.scan.edge * start.share", "0 * self.scan.edge * start.share",
+    (RESPONSE, "PUSH * self.scan.edge * self.start.share", "0 * self.scan.edge * start.share",
      "what is inside is not pushed out", f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
     (RESPONSE, "active = (known | (f.gap < 0))", "active = (known & (f.gap < 0))", "new contacts are not taken up"),
     (RESPONSE, " & ~self.pinned[f.index]", "", "solids are said to hold what pins hold", PINS),
@@ -129,16 +134,16 @@ MUTATIONS = (
      "what is moved apart from solids passes through layers", f"{APART}[box-2]"),
     (START, "if not len(near):", "if False:", "cloth that is not near is moved",
      f"{STARTS}::test_what_is_not_near_starts_as_it_was_given"),
-    (GROWTH, "self.part = np.maximum(least, LEAST)", "self.part = np.ones(len(least))",
+    (GROWTH, "np.minimum.at(self.part, rows,", "np.maximum.at(self.part, rows,",
      "what is left near keeps its whole thickness", GROWS),
     (GROWTH, "FURTHER * there, self.part, 1.0)", "FURTHER * there, self.part, self.part)", "thickness does not grow", GROWS),
     (RESPONSE, '"pinches", "thickness_ramp", "adaptive_stiffness")', '"pinches", "adaptive_stiffness")',
      "thickness that grows is not resumed", GROWS),
-    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("before", "raised")',
+    ("taichi_cloth/contact/solid/penetration.py", '"spared", "raised", "across"', '"raised", "across"',
      "what is pinched is not resumed", RESUME),
     (FACADE, 'STATE = ("solids", "warm", "layers", "forcing_terms")', 'STATE = ("solids", "layers", "forcing_terms")',
      "where cloth was led is not resumed", RESUME),
-    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("spared", "raised")',
+    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", ', 'STATE = (',
      "crossings that were there are not resumed", RESUME),
     ("taichi_cloth/step/integrators/safe.py", 'STATE = ("accurate", "robust", "touching", "largest", "mean")',
      'STATE = ("accurate", "robust", "touching", "largest")',
@@ -203,13 +208,19 @@ MUTATIONS = (
     (TREE, "return 0.24 * edge**2 <= 0.4", "return 0.24 * edge**2 <= 40", "balls that poke through are taken for smooth",
      DRIVES),
     # pairs
-    (DEPTH, 'STATE = ("before", "spared", "raised")', 'STATE = ("before", "spared")', "what is raised is not resumed",
+    (DEPTH, '("before", "spared", "raised", "across"', '("before", "spared", "across"', "what is raised is not resumed",
      LEFT_ACROSS),
-    (DEPTH, "way[crossed] = OUT * h", "pass", "an edge left across a solid stays there", LEFT_ACROSS),
-    (DEPTH, "np.full(len(self.raised), -OUT * h)", "np.zeros(len(self.raised))", "what was raised stays so", LEFT_ACROSS),
-    (DEPTH, "self.crossed[~self.pinched[self.crossed].any(axis=1)]", "self.crossed", "what is pinched is raised", LEFT_ACROSS),
-    (SCAN, "pairs.take((by[pairs.own_vertices] == 0).any(axis=1))", "pairs", "pairs hold what crosses where it is",
+    (DEPTH, "self.across[crossed] = True", "pass", "an edge left across a solid stays there", LEFT_ACROSS),
+    (DEPTH, "np.where(self.across, OUT * h, -OUT * h)", "np.where(self.across, OUT * h, 0)", "what was raised stays so",
      LEFT_ACROSS),
+    (DEPTH, "self.crossed[~(self.pinched | inside)[self.crossed].any(axis=1)]", "self.crossed", "what is pinched is raised",
+     LEFT_ACROSS),
+    (DEPTH, "near.pairs.take(rests), replace(near, pairs=near.pairs.take(~rests))", "near.pairs.take(rests), near",
+     "pairs hold what crosses where it is", ACROSS),
+    (DEPTH, "self._minded(crossed[self.across[crossed].sum(axis=1) < 2])", "self._minded(crossed)",
+     "edges without pairs may not cross", ACROSS),
+    (DEPTH, "self.scan.thickness_ramp.add(back.vertices, self.scan.part_of(back))", "pass",
+     "pairs that come back have all of their thickness", ACROSS),
     (PAIRS, "(now < LEAST), now < LOST", "(now < LEAST), now < -LOST", "how near edges may come is not minded", DRIVES),
     (PAIRS, "was - CREEP)) | (now < LEAST)", "was - CREEP))",
      "what ends below the least distance takes no further round", EDGES),
@@ -283,6 +294,19 @@ MUTATIONS = (
      "what is pinched goes to its share of the room at once", PINCHED),
     (PINCH, "(both.room < FREE * self._needed(both)) | inside)", "(both.room < FREE * self._needed(both)))",
      "what is pinched is freed inside a solid", PINCHED),
+    (PINCH, " & (both.cosine < WEDGE)", "", "cloth stays pinched between one surface and itself", LOWERED),
+    (PINCH, "(side.height < -self.thickness[side.solid])", "(side.height > 0)",
+     "cloth past the border of a surface is below it", BORDER),
+    (DEPTH, "self.sought[particles] = True", "pass", "cloth that is freed inside a solid is not looked for", INSIDE),
+    (DEPTH, "self.sought &= self.spared > 0", "pass", "cloth that was inside is looked for there for ever", INSIDE),
+    (DEPTH, "rows[~beside[rows].any(axis=1)], faces", "rows, faces",
+     "what pinched cloth draws along has to find room", BESIDE),
+    (SURFACES, "self.depth[i] == 0 or self.buried.inside[t] == 0", "True", "cloth leaves an arm for the trunk around it",
+     HIDDEN),
+    (BURIED, "first, sign = j, -1", "first, sign = j, 1", "rays pass by triangles that they go through", HIDDEN),
+    (BURIED, "count == 3", "count > 0", "triangles are buried that are so in part", HIDDEN),
+    ("taichi_cloth/contact/solid/balance.py", "f.start_gap + self.solids.push", "0 * f.gap",
+     "cloth whose nearest surface is another comes out at once", LOWERED),
     (PINCH, "self.led = ~np.isin(index, whole)", "self.led = np.isin(index, index)",
      "scripts' pins give way to what is pinched", PINCHED),
     (PINCH, "projector[np.isin(index, pins.index)] = np.eye(3)", "pass", "what scripts hold in part slips", PINCHED),

@@ -33,12 +33,16 @@ class ThicknessRamp(Checkpointed):
 
     def begin(self, particles: np.ndarray, measured: np.ndarray) -> int:
         """Cloth starts, with distances measured (k,) between particles (k, .), in thicknesses; how many start near."""
-        least = np.ones(len(self.part))
-        near = (measured < NEAR) & (measured > 0)
-        np.minimum.at(least, particles[near], np.broadcast_to(measured[near, None], particles[near].shape))
-        self.part = np.maximum(least, LEAST)
-        self.resumed()
+        self.part[:] = 1.0
+        self.add(particles, measured)
         return int(np.sum(self.part < 1))
+
+    def add(self, particles: np.ndarray, measured: np.ndarray) -> None:
+        """Pairs begin to act between particles, arguments as in `begin`."""
+        near = (measured < NEAR) & (measured > 0)
+        rows, part = particles[near], np.maximum(measured[near, None], LEAST)
+        np.minimum.at(self.part, rows, np.broadcast_to(part, rows.shape))
+        self.resumed()
 
     def grow(self, particles: np.ndarray, measured: np.ndarray) -> None:
         """After a step, with distances as in `begin` where it ended."""

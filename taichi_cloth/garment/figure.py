@@ -18,6 +18,7 @@ from ..scene.scene import Scene
 LEVELS = 100  # at which a body is cut
 MIDDLE = 0.55  # of its height, where its trunk is looked for
 NARROW = 0.6  # of the trunk's median girth: less is the neck, and of its area: less is no trunk
+TRUNK = 0.34  # of a person's height, from crotch to neck
 ANKLE, SOLE = 0.09, 0.025  # of the height, at which feet are cut
 ASIDE = np.sqrt(0.5)  # cosine between toes and the way across the arms beyond which a trunk is round, and has no arms
 STANDS_OUT = 0.01  # of the height by which toes are before ankles, or else the body has no feet
@@ -64,7 +65,9 @@ def measured(x: np.ndarray, faces: np.ndarray) -> Figure:
     hulls = {start: trunk, **{start - 1 - k: h for k, h in enumerate(down)}, **{start + 1 + k: h for k, h in enumerate(up)}}
     lowest, highest = min(hulls), max(hulls)
     usual = float(np.median([girth(hulls[k]) for k in range(lowest, start + 1)]))
-    neck = next((k for k in range(start, highest) if girth(hulls[k]) < NARROW * usual), None)
+    narrow = [k for k in range(start, min(highest + 1, LEVELS - 1)) if girth(hulls[k]) < NARROW * usual]
+    begins = [k for k in narrow if k - 1 not in narrow]  # some robots are narrow at the waist, too, and all are at the crown
+    neck = min(begins, key=lambda k: abs(heights[k] - heights[lowest] - TRUNK * (top - floor)), default=None)
     legs = [h for h in parts_at(x, faces, heights[lowest - 1]) if overlap(h, hulls[lowest])] if lowest else []
     if len(legs) < 2 or neck is None:
         raise SceneError(NO.format("legs" if len(legs) < 2 else "neck"))

@@ -14,7 +14,8 @@ from .orders import named
 from .parameters import Parameter
 from .seen import Opening, Seen
 
-BUILDING, SHORT = "building kernels", 0.3  # a state; s that are not worth telling of it
+SETTING_UP, BUILDING = "setting up", "loading or compiling kernels"  # states
+SHORT = 0.3  # s of the latter that are not worth telling
 LOOK = "the look"  # in place of a heat map
 GALE = 20.0  # m/s: the most that a slider adds to the wind
 
@@ -57,8 +58,8 @@ class Controls:
         """Shows the state of the session in words, and the colours' scale."""
         self.running = seen.running
         self.plays.label = "Pause" if seen.running else "Play"
-        if seen.building:
-            self.state.count(BUILDING)
+        if seen.preview:
+            self.state.count(SETTING_UP)
         else:
             self.state.show(seen.state)
         if seen.changes != self.changes:

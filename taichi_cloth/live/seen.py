@@ -62,7 +62,7 @@ class Seen:
     Attributes:
         number: of the scene; another one has other pieces.
         x: (n, 3) f32 vertices [m]; pieces: those drawn, by name; None if they are those of the picture before.
-        state: one line; running: whether step follows step; building: whether kernels are built for the next picture.
+        state: one line; running: whether step follows step; preview: whether the simulation is being set up.
         changes: how many changes the session has dealt with; change: the last of them in words, and from when on it holds.
         heats: that there are; None before they are known. heat: that the cloth is coloured by, or None.
         hand: (2, 3) where the cloth is held, and the hand; None while it does not pull.
@@ -74,7 +74,7 @@ class Seen:
     pieces: dict[str, Piece] | None
     state: str
     running: bool
-    building: bool
+    preview: bool
     changes: int
     change: str
     heats: tuple[str, ...] | None

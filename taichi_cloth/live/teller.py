@@ -56,8 +56,6 @@ class Teller:
         if session.geometry is not self._geometry:
             self._geometry, self.shapes = session.geometry, Shapes(session.geometry)
             self._number, self._told = self._number + 1, None
-        if session.preview and self._building is None:
-            self._building = time.monotonic()
         self.send(self._seen(session))
 
     def building(self) -> None:
@@ -69,7 +67,7 @@ class Teller:
     def _built(self) -> None:
         """Tells how long that took."""
         if self._building is not None and (took := time.monotonic() - self._building) > WORTH:
-            self.tells(f"building kernels took {took:.0f} s")
+            self.tells(f"loading or compiling kernels took {took:.0f} s")
         self._building = None
 
     def shown(self, session: Session) -> None:

@@ -139,7 +139,7 @@ def serve(make: Callable[[], Source], title: str, host: str, port: int | None, o
             tells(f"{title} is shown at {address} (End there, or Ctrl-C here, ends it)")
             if opens:
                 _open(address)
-            tells("building kernels ...")
+            tells("setting up ...")
             with _ended(session), compiling.told(lambda: _unless(asked, teller.building)):
                 _unless(asked, lambda: session.begin(plays))
                 while not (session.over or asked()):

@@ -15,7 +15,7 @@ COSTLY = 3  # steps that are named
 def state(session: Session) -> str:
     """One line: whether it runs, its time [s], and the last error."""
     if session.sim is None:
-        return "building kernels"
+        return "setting up"
     mode = "runs" if session.running else "paused"
     pulled = ", pulled" if session.hand is not None else ""
     t = float(session.arrays["t"])

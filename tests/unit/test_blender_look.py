@@ -63,11 +63,13 @@ def test_light_and_sky_are_those_of_pictures(tmp_path, rng):
     thin, other = (next(m for name, m in told["modifiers"].items() if word in name) for word in ("shirt", "skirts"))
     assert thin[0][:3] == ["SUBSURF", False, True] and thin[1] == ["SOLIDIFY", False, True, pytest.approx(0.004)]
     assert [m[0] for m in other] == ["SUBSURF"] and not told["modifiers"]["tetrahedron"]
+    assert "ground" in told["modifiers"]
 
 
 @with_blender
 @pytest.mark.parametrize("background", ["transparent", (0.1, 0.7, 0.2)])
 def test_other_backgrounds(tmp_path, rng, background):
-    told = seen(make(tmp_path / "run", rng, background=np.array(background)), tmp_path)
+    told = seen(make(tmp_path / "run", rng, background=np.array(background), ground=np.array(np.nan)), tmp_path)
+    assert ("ground" in told["modifiers"]) != (background == "transparent")
     assert told["set"][3] is (background == "transparent")
     assert told["up"] == pytest.approx([0, 0, 0, 0] if background == "transparent" else [*background, 1], abs=1e-3)

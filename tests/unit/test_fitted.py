@@ -166,6 +166,20 @@ def test_a_thick_arm_beside_a_body_is_not_its_trunk():
     assert found.centre == pytest.approx(alone.centre, abs=0.01) and found.girths == pytest.approx(alone.girths, rel=0.02)
 
 
+def test_a_waist_narrower_than_the_neck_is_not_the_neck():
+    """As some robots have it, whose hips and chest meet in a joint."""
+    body = tc.Scene()
+    for solid in somebody().solids:
+        a, b, r = solid.shape.a, solid.shape.b, solid.shape.radius
+        if a[1] == 0.98:
+            a = (a[0], 1.24, 0.0)
+        body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=solid.name)
+    body.add_solid(tc.Capsule((0, 1.0, 0), (0, 1.2, 0), 0.04), friction=0.4, thickness=0.004, name="joint")
+    found, usual = measured(*surface_of(body)), measured(*surface_of(somebody()))
+    assert found.girths.min() < 0.3 < usual.girths.min()
+    assert found.neck == usual.neck
+
+
 def test_where_nothing_is_over_the_feet_there_is_no_trunk():
     body = tc.Scene()
     feet = [((x, 0.1, 0), (x, 0.1, 0.1), 0.09) for x in (-0.15, 0.15)]

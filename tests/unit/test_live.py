@@ -343,7 +343,7 @@ def test_a_page_is_served_until_it_is_ended(monkeypatch, request, end):
         assert made == ["whole"] * (end == "signal as it is made")
     link = Told.made[-1]
     assert said[0].split()[:5] == ["title", "is", "shown", "at", "http://there:1"], "nothing clings to the address"
-    assert said[1:3] == ["http://there:1", "building kernels ..."] and not link.open
+    assert said[1:3] == ["http://there:1", "setting up ..."] and not link.open
     assert link.messages[0].title == "title" and link.messages[0].airy and link.messages[1].heats is None
 
 
@@ -375,7 +375,7 @@ def test_building_is_told_once_and_how_long_it_took(session, monkeypatch):
     assert [type(message) for message in told[2:]] == [Building]
     clock[0] = 14.2
     ask(session, session.step)
-    assert said == ["building kernels took 4 s"] and isinstance(told[-1], Seen) and not told[-1].building
+    assert said == ["loading or compiling kernels took 4 s"] and isinstance(told[-1], Seen) and not told[-1].preview
     teller.shown(session)
     ask(session, session.step)
     assert len(said) == 1
@@ -385,7 +385,7 @@ def test_building_is_told_once_and_how_long_it_took(session, monkeypatch):
     clock[0] += 9.0
     teller.shown(session)
     ask(session, session.step)
-    assert said[1:] == ["building kernels took 3 s"]
+    assert said[1:] == ["loading or compiling kernels took 3 s"]
 
 
 def test_a_page_is_told_no_faster_than_it_shows(session):

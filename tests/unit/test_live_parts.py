@@ -18,7 +18,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
 from taichi_cloth.live import counting, pages, server
-from taichi_cloth.live.controls import BUILDING, LOOK, Controls
+from taichi_cloth.live.controls import LOOK, SETTING_UP, Controls
 from taichi_cloth.live.hand import pullable
 from taichi_cloth.live.orders import Orders
 from taichi_cloth.live.page import Page
@@ -261,7 +261,7 @@ def opened(airy: bool) -> Opening:
 
 
 def seen(**changed) -> Seen:
-    usual = {"number": 1, "x": np.zeros((0, 3)), "pieces": {}, "state": "paused", "running": False, "building": False,
+    usual = {"number": 1, "x": np.zeros((0, 3)), "pieces": {}, "state": "paused", "running": False, "preview": False,
              "changes": 0, "change": "", "heats": ("stretch", "bend"), "heat": None, "hand": None, "last": None,
              "costly": None}
     return Seen(**{**usual, **changed})
@@ -350,8 +350,8 @@ def test_seconds_count_while_kernels_are_built(monkeypatch):
     gui = Gui()
     controls = Controls(gui, opened(airy=False), print)
     monkeypatch.setattr(controls, "state", unittest.mock.Mock())
-    controls.show(seen(building=True))
-    assert controls.state.count.call_args.args == (BUILDING,) and not controls.state.show.called
+    controls.show(seen(preview=True))
+    assert controls.state.count.call_args.args == (SETTING_UP,) and not controls.state.show.called
     controls.show(seen(state="paused"))
     assert controls.state.show.call_args.args == ("paused",)
 
@@ -369,7 +369,7 @@ def test_every_scene_is_shown_before_taichi_is_imported():
             scene, told = scenefile.read(name), []
             teller = Teller(name, told.append)
             teller(Session(Made(lambda changed: scene.make(dict(scene.small)), Options()), teller))
-            assert len(told[1].x) and told[1].building and "taichi" not in sys.modules, name"""
+            assert len(told[1].x) and told[1].preview and "taichi" not in sys.modules, name"""
     subprocess.run([sys.executable, "-c", program], timeout=60, check=True)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.contact.solid.facing import Sides
 from taichi_cloth.contact.solid.pinch import CREEP, FREE, PRESSURE, SLOWLY, Pinched
 from taichi_cloth.contact.solid.vertices import VertexContacts
 from taichi_cloth.contact.step_start import StepContext
@@ -178,7 +179,7 @@ def test_an_edge_that_is_left_across_a_solid_comes_out():
         assert count_crossings(x, mesh.faces, corners, faces) > 20
         penetration = sim.contacts.solids.penetration
         penetration.pinched = np.ones(sim.vertex_count, dtype=bool)
-        penetration.pass_time(H)
+        penetration.pass_time(H, VertexContacts.none())
         assert not penetration.raised.any()
         before, left = x, []
         for _ in range(30):
@@ -203,6 +204,98 @@ def test_an_edge_that_is_left_across_a_solid_comes_out():
             sim.step(H)
             assert sim.velocities()[:, 1].max() < 0.15
         assert count_crossings(sim.positions(), mesh.faces, corners, faces) == 0
+
+
+def test_raised_edges_are_without_pairs_only_across():
+    """While their triangles cross a solid: new crossings of theirs do not count then. Pairs that come back have as much of
+    their thickness as there is room."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.2, 31)
+    scene.add_solid(tc.Box((0.1, 0.1, 0.3)), 0.0, 0.002, name="box", rotation=(0.0, 0.0, np.pi / 4))
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0, 0.1, 0])
+    with tc.Simulation(scene, h=H) as sim:
+        scan, penetration = sim.contacts.scan, sim.contacts.solids.penetration
+        x = mesh.x - mesh.x.mean(axis=0) + [0, 0.05 * np.sqrt(2) + 0.0002, 0]
+        sim.set_state(x, 0 * x)
+        scan.thickness_ramp.part[:] = 1.0
+        sim.model.save()
+        near, none = scan.look(H), np.zeros((0, 3), dtype=np.int64)
+        assert len(near.pairs.key) > 20 and near.pairs.distance == pytest.approx(0.0002, rel=0.01)
+        penetration.raised[:] = 0.001
+        kept = penetration.raise_from(near)
+        assert (kept.pairs.key == near.pairs.key).all() and kept.vertices.gap == pytest.approx(near.vertices.gap - 0.001)
+        penetration.before, penetration.crossed = none, scan.faces[:4]
+        assert penetration.more_crossed
+        penetration.across[:] = True
+        assert not len(penetration.raise_from(near).pairs.key) and not penetration.more_crossed
+        penetration.pass_time(H, VertexContacts.none())
+        assert (np.flatnonzero(penetration.across) == np.unique(scan.faces[:4])).all()
+        rests = penetration.across[near.pairs.own_vertices].all(axis=1)
+        assert penetration.raise_from(near).pairs.key.tolist() == near.pairs.key[~rests].tolist()
+        own = near.pairs.vertices[~rests][near.pairs.weights[~rests] > 0]
+        assert scan.thickness_ramp.part[own] == pytest.approx(0.2, rel=0.01)
+
+
+def test_no_small_step_is_refused_beside_what_is_pinched():
+    """Crossings that a step leaves have to find room, however small it is, but for those next to pinched particles."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.2, 9)
+    scene.add_solid(tc.Box((0.1, 0.1, 0.3)), 0.0, 0.002, name="box")
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0, 0.1, 0])
+    with tc.Simulation(scene, h=H) as sim:
+        solids, scan = sim.contacts.solids, sim.contacts.scan
+        penetration, x = solids.penetration, sim.model.read_particles()[0]
+        face = scan.faces[len(scan.faces) // 2]
+        penetration.crossed, none = face[None], np.zeros(0, dtype=np.int64)
+        near = scan.look(H)
+
+        def may_shrink(h: float) -> bool:
+            return penetration.may_shrink(StepContext(h, H, x, 0 * x), near, none, None)
+
+        assert may_shrink(H) and may_shrink(H / 128)
+        beside = np.setdiff1d(scan.faces[np.isin(scan.faces, face).any(axis=1)], face)
+        penetration.spared[np.setdiff1d(np.arange(sim.vertex_count), np.append(face, beside))[0]] = 0.1
+        assert may_shrink(H / 128)
+        penetration.spared[beside[0]] = 0.1
+        assert may_shrink(H) and not may_shrink(H / 128)
+
+
+def test_what_is_past_the_border_of_a_surface_is_not_below_it():
+    """Of a closed mesh: within its border, whatever its depth; to the side by up to 1.7 times the depth below its plane."""
+    x = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [0.1, 0.05, 0.15]
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.03, 1)
+    scene.add_solid(tc.SolidMesh(np.stack([x, x + 0.01]), box_surface()[1], fps=1), 0.3, 0.002, name="box")
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100, 1)), mesh.x + [-0.015, 0.1, 0.015])
+    with tc.Simulation(scene, h=H) as sim:
+        deep, aside = np.array([0.003, 0.003, 0.04, 0.02, 0.02, 0.001]), np.array([-0.05, -0.001, -0.05, 0.03, 0.04, 0.5])
+        at = np.column_stack([0.1 + aside, 0.05 - deep, 0 * deep]) - sim.model.origin
+        side = Sides(np.zeros(6, dtype=np.int64), np.tile(UP, (6, 1)), -deep, np.zeros((6, 3)), np.zeros(6))
+        below = sim.contacts.solids.pinches._below(at, side)
+        assert below.tolist() == [True, True, True, True, False, True]  # the last is no deeper than the thickness
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sought", [True, False])
+def test_what_was_pinched_and_is_inside_comes_out(sought):
+    """However deep, at a quarter of an edge in a step, and without a step that is refused; what was not pinched is not seen
+    there. Once out it is looked for no longer."""
+    x = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [0.1, 0.05, 0.15]
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.03, 1)
+    scene.add_solid(tc.SolidMesh(np.stack([x, x]), box_surface()[1], fps=1), 0.3, 0.002, name="box")
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100, 1)), mesh.x + [-0.015, 0.1, 0.015])
+    with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
+        deep = mesh.x - mesh.x.mean(axis=0) + [0, 0.02, 0]
+        sim.set_state(deep, 0 * deep)
+        penetration = sim.contacts.solids.penetration
+        if sought:
+            penetration.spare(np.arange(sim.vertex_count))
+        height = []
+        for _ in range(12):
+            sim.step(H)
+            height.append(sim.positions()[:, 1].min())
+        assert not sum((list(r.rejections) for r in sim.log), [])
+        most = 0.25 * sim.contacts.scan.edge
+        assert np.diff([0.02, *height]).max() < 1.01 * most
+        assert height[-1] == pytest.approx(0.052 if sought else 0.02, abs=2e-4)
+        assert not penetration.sought.any() and not penetration.spared.any()
 
 
 def box_surface():

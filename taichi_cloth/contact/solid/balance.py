@@ -164,7 +164,7 @@ class Balance:
         r = replace(r, changed=int(np.sum(other)) + int(np.sum(known & ~bears)))
         change = (known & (f.friction > 0))[bears] * (was.stick[bears].astype(int) - rows.stick[bears])
         rubbed = bool(change.sum() > 0)
-        goal = _rows(self.rows.key, self.goal, f.key)
+        goal = self._goals(f)
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal[bears], rubbed, (f, rows, slip, goal))
 
     def cones(self, found: Found) -> Cones | None:
@@ -249,8 +249,8 @@ class Balance:
         """(residual, next states, impulses (k, 3), whether each contact bears) by the law with such impulses."""
         solids, start, n = self.solids, self.start, len(b)
         known, was = self.rows.of(f.key)
-        held, normal, goal = (_rows(self.rows.key, values, f.key) for values in (*impulses, self.goal))
-        rows, p, bears = follow(replace(f, gap=f.gap - goal), was, slip, held, normal, self.mass[f.index],
+        held, normal = (_rows(self.rows.key, values, f.key) for values in impulses)
+        rows, p, bears = follow(replace(f, gap=f.gap - self._goals(f)), was, slip, held, normal, self.mass[f.index],
                                 self.inertia[f.index], start.c)
         total = b.copy()
         for c in range(3):
@@ -266,6 +266,12 @@ class Balance:
             total[i] -= by_pins
         size = np.einsum("ni,ni->n", total, total)
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
+
+    def _goals(self, f: VertexContacts) -> np.ndarray:
+        """(k,) `goal` of contacts. The nearest surface of cloth that is brought out of a solid may be another after a solve,
+        and further: it goes no further than a step pushes it."""
+        goal, most = _rows(self.rows.key, self.goal, f.key), f.start_gap + self.solids.push
+        return np.where(self.solids.penetration.sought[f.index], np.minimum(goal, most), goal)
 
     def _took(self, taken: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
         """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now."""

@@ -12,6 +12,7 @@ from ...backend.fields import Fields
 from ...backend.language import ti
 from ...scene.scene import Scene
 from ...system.state import ParticleState
+from .buried import Buried
 from .tree import OFF, TriangleTree
 from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
 
@@ -29,6 +30,7 @@ class SurfaceDetector:
         margin = max(s.thickness for k, s in enumerate(scene.solids) if s.shape.kind == 5) * (1 + KEEP)
         self.margin = fields.real(1, data=np.array([margin]))
         self.depth = fields.real(model.n, data=np.zeros(model.n))  # how deep inside a particle may be [m]
+        self.buried = Buried(fields, tree)  # particles that may be inside do not see these triangles
 
     @ti.kernel
     def set_depth(self, depth: ti.types.ndarray()):
@@ -80,7 +82,7 @@ class SurfaceDetector:
                 for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                     info = self.tree.info[t]
                     wanted = 0
-                    if info[1] >= 1:
+                    if info[1] >= 1 and (self.depth[i] == 0 or self.buried.inside[t] == 0):
                         wanted = self.tree.touches(t, low, high)
                     if wanted == 1:
                         thick = self.thickness[info[0]]

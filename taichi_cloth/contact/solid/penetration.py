@@ -7,6 +7,8 @@ When a solid that pinched cloth opens, edges may be left that pass through it th
 vertices of triangles that cross a solid, and are not pinched, are raised slowly until nothing crosses, and let down again.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...system.checkpoint import Checkpointed
@@ -32,26 +34,43 @@ class Penetration(Checkpointed):
         spared: (n,) time [s] for which it does not matter how deep inside solids particles end; pinched: (n,) nor in this
             attempt.
         raised: (n,) by how much [m] particles are to be further from solids than the thickness; most: at most.
+        across: (n,) whether a triangle of a raised particle crosses solids: pairs of these alone rest; resting: these pairs.
+        sought: (n,) whether a particle was pinched and may be inside a closed solid: it is looked for there however deep,
+            brought out like one that starts inside, and is spared until then.
         crossed: (k, 3) particles of triangles that cross solids' at the end of the attempt; before: at its beginning.
     """
 
-    STATE = ("before", "spared", "raised")
+    STATE = ("before", "spared", "raised", "across", "sought")
 
     def __init__(self, n: int, scan: SolidCollisionDetector) -> None:
         self.scan, self.thickness = scan, scan.thickness
         self.deep = np.where(scan.pokes, DEEPER, DEEP) * scan.thickness
         self.raised, self.most = np.zeros(n), HIGHEST * scan.edge
-        self.spared, self.pinched = np.zeros(n), np.zeros(n, dtype=bool)
+        self.across = np.zeros(n, dtype=bool)
+        self.resting: Pairs | None = None
+        self.spared, self.pinched, self.sought = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.crossed = self.before = np.zeros((0, 3), dtype=np.int64)
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
-        self.crossed = self.before
+        self.crossed, self.resting = self.before, None
 
     @property
     def minded(self) -> np.ndarray:
         """(n,) particles whose depth inside solids is checked: not spared, not pinched."""
         return (self.spared == 0) & ~self.pinched
+
+    def raise_from(self, near: ContactCandidates) -> ContactCandidates:
+        """Contacts and pairs, with raised particles measured from where they are to be, without pairs of those across."""
+        self.resting = None
+        if near.pairs is not None and self.across.any():
+            rests = self._rests(near.pairs)
+            self.resting, near = near.pairs.take(rests), replace(near, pairs=near.pairs.take(~rests))
+        return near.raised(self.raised) if self.raised.any() else near
+
+    def _rests(self, pairs: Pairs) -> np.ndarray:
+        """(k,) whether all of a pair's own particles are across."""
+        return self.across[pairs.own_vertices].all(axis=1)
 
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
         """Those contacts that end inside a solid's thickness and are not among the keys (sorted) that are held, or held at
@@ -79,11 +98,15 @@ class Penetration(Checkpointed):
         return (near.pairs.distance < LEAST * PAIR * self.scan.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
 
     def may_shrink(self, start: StepContext, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> bool:
-        """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
+        """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is: not next to what is
+        pinched, either, which draws its neighbours along."""
         if not start.small:
             return True
+        faces, beside = self.scan.faces, ~self.minded
+        beside[faces[beside[faces].any(axis=1)]] = True
+        rows = self.wrong(near, held, linearized)
         there = walls(near.vertices, near.pairs, near.end_positions, self.thickness)
-        return bool(has_room(self.wrong(near, held, linearized), self.scan.faces, there, self.thickness, self.scan.yields,
+        return bool(has_room(rows[~beside[rows].any(axis=1)], faces, there, self.thickness, self.scan.yields,
                              pinned_particles(start.pins, len(self.spared))).any())
 
     def look_across(self) -> bool:
@@ -94,7 +117,7 @@ class Penetration(Checkpointed):
     @property
     def more_crossed(self) -> bool:
         """Whether more crosses than at the beginning of the attempt, where crossings were last looked for."""
-        return len(self._minded(self.crossed)) > len(self._minded(self.before))
+        return len(self._new(self.crossed)) > len(self._new(self.before))
 
     def crossings(self, f: VertexContacts) -> int:
         """Pairs of triangles of cloth and solids that cross, and particles inside solids without edges or corners."""
@@ -111,21 +134,31 @@ class Penetration(Checkpointed):
             lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))[1]
             rows.append(self._minded(near.pairs.own_vertices[lost]))
         if self.more_crossed:
-            rows.append(self._minded(self.crossed))
+            rows.append(self._new(self.crossed))
         return np.concatenate(rows)
 
-    def pass_time(self, h: float) -> None:
-        """A step of h [s] was accepted."""
-        crossed = self.crossed[~self.pinched[self.crossed].any(axis=1)]
-        if len(crossed) or self.raised.any():
-            way = np.full(len(self.raised), -OUT * h)
-            way[crossed] = OUT * h
-            self.raised = np.clip(self.raised + way, 0, self.most)
+    def pass_time(self, h: float, f: VertexContacts) -> None:
+        """A step of h [s] was accepted, with contacts f of particles that are not pinched."""
         self.spared = np.maximum(self.spared - h, 0)
+        inside = np.zeros(len(self.sought), dtype=bool)
+        deep = f.gap + self.raised[f.index] < -self.thickness[f.solid]
+        inside[f.index[deep & self.scan.closed[f.solid]]] = True
+        inside &= self.sought
+        self.spared[inside] = SPARED
+        self.sought &= self.spared > 0
+        crossed = self.crossed[~(self.pinched | inside)[self.crossed].any(axis=1)]
+        if len(crossed) or self.raised.any():
+            self.across = np.zeros(len(self.raised), dtype=bool)
+            self.across[crossed] = True
+            self.raised = np.clip(self.raised + np.where(self.across, OUT * h, -OUT * h), 0, self.most)
+        if self.resting is not None:
+            back = self.resting.take(~self._rests(self.resting))
+            self.scan.thickness_ramp.add(back.vertices, self.scan.part_of(back))
 
     def spare(self, particles: np.ndarray) -> None:
         """Particles are pinched between solids."""
         self.spared[particles] = SPARED
+        self.sought[particles] = True
 
     def let_out(self, particles: np.ndarray, seconds: np.ndarray) -> None:
         """Particles (k,) start inside solids, and are out after so many seconds (k,): until then it does not matter."""
@@ -134,6 +167,10 @@ class Penetration(Checkpointed):
     def _minded_pairs(self, pairs: Pairs) -> np.ndarray:
         """(k,) whether none of a pair's own particles is pinched."""
         return self.minded[pairs.own_vertices].all(axis=1)
+
+    def _new(self, crossed: np.ndarray) -> np.ndarray:
+        """Those rows (k, 3) of crossing triangles that count: no edge of theirs is without pairs."""
+        return self._minded(crossed[self.across[crossed].sum(axis=1) < 2])
 
     def _minded(self, vertices: np.ndarray) -> np.ndarray:
         """Those rows (k, .) of particles none of which is pinched."""

@@ -18,7 +18,7 @@ from ...system.elements import lumped_mass
 from ...system.held import Held
 from ..points import EYE, Points, length, rows_of, sym_outer, sym_times, tangential, unit
 from ..step_start import StepContext
-from .facing import FacingSurfaces, Sides
+from .facing import SURE, FacingSurfaces, Sides
 from .query import SolidCollisionDetector
 from .room import FACING
 from .vertices import VertexContacts
@@ -208,10 +208,23 @@ class Pinches(Checkpointed):
         old = self.accepted
         a, b = (self._side(start, old, k) for k in range(2))
         both = Between(old.index, a, b)
-        there = (a.solid >= 0) & (b.solid >= 0)
+        there = (a.solid >= 0) & (b.solid >= 0) & (both.cosine < WEDGE)  # else it came out of the wedge, at either end
         inside = np.minimum(a.height, b.height) < 0
         keep = there & ((both.room < FREE * self._needed(both)) | inside)
+        for side in (a, b):
+            keep &= self._below(start.x[old.index], side)
         return both.take(keep), old.share[keep]
+
+    def _below(self, x: np.ndarray, side: Sides) -> np.ndarray:
+        """(k,) whether points x (k, 3) [m] that are inside the plane of a mesh's surface are below that surface, and not past
+        its border: as an arm leaves a trunk sideways, or where cloth slips through the edge of both."""
+        deep = np.flatnonzero((side.solid >= 0) & (side.height < -self.thickness[side.solid]) & self.scan.meshes[side.solid])
+        out = np.ones(len(x), dtype=bool)
+        if len(deep) and self.surfaces is not None:
+            reach = -side.height[deep] / SURE
+            out[deep] = self.surfaces.find(x[deep], side.normal[deep], SAME, reach, np.full(len(deep), -np.inf),
+                                           side.solid[deep], np.full(len(deep), -1)).solid >= 0
+        return out
 
     def _side(self, start: StepContext, old: Pinched, k: int) -> Sides:
         """One side of pinched particles, where it is now; of a mesh next to where its foot was: not of another part of it."""

@@ -48,11 +48,8 @@ class ContactCandidates:
         return ContactCandidates(self.end_positions, self.vertices.take(keep), self.slip[keep], pairs)
 
     def raised(self, by: np.ndarray) -> "ContactCandidates":
-        """Particles (n,) are to be so much [m] further from solids, and pairs of them alone are none."""
-        f, pairs = self.vertices, self.pairs
-        if pairs is not None:
-            pairs = pairs.take((by[pairs.own_vertices] == 0).any(axis=1))
-        return replace(self, vertices=f.nearer(by[f.index]), pairs=pairs)
+        """Particles (n,) are to be so much [m] further from solids."""
+        return replace(self, vertices=self.vertices.nearer(by[self.vertices.index]))
 
 
 @dataclass(frozen=True)
@@ -108,6 +105,7 @@ class SolidCollisionDetector:
             self.crossings = CrossingCounter(model, self.pairs.near, self.tree)
         poses: np.ndarray = np.array([2 * self._pose(solid, 0.0) for solid in self.solids], dtype=self.exchange)
         self.poses = poses.reshape(-1, 24)  # at the two ends of a step
+        self.size, self.depth, self.sought = 0.0, np.zeros(model.n), np.zeros(model.n, dtype=bool)
         self._slots = np.zeros(model.n, dtype=np.int32)
         self._rows: np.ndarray = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
 
@@ -125,11 +123,10 @@ class SolidCollisionDetector:
         self.set_time(0.0, 0.0)
         if self.tree is not None:
             self.tree.set_time(0.0, 0.0)
-        size = 0.0
         if self.surfaces is not None:
             x = np.concatenate([s.surface_at(0.0) for s in self.solids if isinstance(s.shape, SolidMesh)])
-            size = float(np.linalg.norm(np.ptp(x, axis=0)))
-            self.surfaces.set_depth(np.full(self.model.n, size, dtype=self.exchange))
+            self.size = float(np.linalg.norm(np.ptp(x, axis=0)))
+            self.surfaces.set_depth(np.full(self.model.n, self.size, dtype=self.exchange))
         found = self.detect()
         thickness = self.thickness[found.solid]
         inside = found.start_gap + thickness < 0
@@ -141,9 +138,9 @@ class SolidCollisionDetector:
                 notes.append(f"{solid.name}: {int(mine.sum())} vertices of cloth start inside it, up to {deep:.3g} m deep: "
                              "they are pushed out over the first steps")
         if self.surfaces is not None:
-            depth: np.ndarray = np.zeros(self.model.n, dtype=self.exchange)
-            np.maximum.at(depth, found.index[inside], -found.start_gap[inside] * 1.5)
-            self.surfaces.set_depth(depth)
+            self.depth = np.zeros(self.model.n, dtype=self.exchange)
+            np.maximum.at(self.depth, found.index[inside], -found.start_gap[inside] * 1.5)
+            self.surfaces.set_depth(self.depth)
         if self.tree is not None:
             crossings = len(self.find_crossings())
             if crossings:
@@ -151,6 +148,16 @@ class SolidCollisionDetector:
             self.tree.due = True
         self.time = 0.0
         return notes
+
+    def seek(self, particles: np.ndarray) -> None:
+        """Particles (n,) are looked for inside mesh solids, however deep, in the step to come."""
+        if self.surfaces is None:
+            return
+        if particles.any():
+            self.surfaces.buried.look()
+        if (particles != self.sought).any():
+            self.sought = particles.copy()
+            self.surfaces.set_depth(np.where(particles, self.size, self.depth).astype(self.exchange, copy=False))
 
     def begin(self) -> None:
         """Cloth starts where the model is: pairs that are nearer than they should be have a part of their thickness."""

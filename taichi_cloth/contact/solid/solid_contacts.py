@@ -94,6 +94,7 @@ class SolidContacts(Checkpointed):
         self.penetration.crossed = self.penetration.before
         if self.scan.pairs is not None:
             self.adaptive_stiffness.begin()
+        self.scan.seek(self.penetration.sought)
         near = self.scan.look(start.h)
         if self.pinches.possible:
             self.pinches.begin(start, near.vertices)
@@ -113,13 +114,17 @@ class SolidContacts(Checkpointed):
 
     def _minded(self, near: ContactCandidates) -> ContactCandidates:
         """Without pinched particles; raised particles are measured from where they are to be."""
-        near = near.without(self.pinches.where, self.pinches.around)
-        return near.raised(self.penetration.raised) if self.penetration.raised.any() else near
+        return self.penetration.raise_from(near.without(self.pinches.where, self.pinches.around))
 
     def stop_short(self) -> None:
         """The model went a part of its way only: edges and corners of solids are met as they are from there."""
         near = replace(self.near, end_positions=self.model.read_particles()[0], pairs=self.scan.find_pairs())
         self.near = replace(near, pairs=self._minded(near).pairs)
+
+    @property
+    def push(self) -> float:
+        """How far [m] a particle is pushed out in this step: small steps move as fast as large ones."""
+        return PUSH * self.scan.edge * self.start.share
 
     @property
     def touching(self) -> bool:
@@ -148,7 +153,7 @@ class SolidContacts(Checkpointed):
         stick &= mu > 0
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
-        lift = np.clip(-f.start_gap, -down, PUSH * self.scan.edge * start.share)  # small steps move as fast as large ones
+        lift = np.clip(-f.start_gap, -down, self.push)
         holding = hold_together(f, stick, lift, start.pins, self.model.n, self.model.exchange)
         if self.model.sewn is not None:
             holding = replace(holding, held=self.model.sewn.spread(holding.held, c))
@@ -284,7 +289,7 @@ class SolidContacts(Checkpointed):
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts. Particles that end wrong in a small one are pinched."""
-        self.penetration.pass_time(self.start.h)
+        self.penetration.pass_time(self.start.h, self.near.vertices)
         if self.pinches.possible:
             self.pinches.commit()
             self.penetration.spare(np.flatnonzero(self.pinches.around))
@@ -299,7 +304,7 @@ class SolidContacts(Checkpointed):
         """A step without contact was accepted."""
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
-        self.penetration.pass_time(self.start.h)
+        self.penetration.pass_time(self.start.h, VertexContacts.none())
         self.adaptive_stiffness.clear()
         self._grow()
 
@@ -311,7 +316,8 @@ class SolidContacts(Checkpointed):
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
-        self.penetration.spared[:] = self.penetration.raised[:] = 0
+        self.penetration.spared[:] = self.penetration.raised[:] = self.penetration.across[:] = 0
+        self.penetration.sought[:] = False
         self.pinches.clear()
         self.adaptive_stiffness.clear()
         self.scan.begin()

@@ -62,7 +62,7 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
         chosen = usual_fields(recording) if fields is None else fields
         of_pieces = {name: pieces.of(field) for name, field in chosen.items()}
         return _in(folder, lambda: module.write(pieces, folder, of_pieces))
-    whole = shot(pieces)
+    whole = shot(pieces, floor=format == "blend")
     if format not in CHANGING:
         whole.one_topology(format)
     return _in(folder, lambda: module.write(whole, folder) if format in MESHES else module.write(whole, file, format))

@@ -14,6 +14,7 @@ from ...backend.ordering import components
 from ...errors import OutputError
 from ...scene.view import Camera, CameraKeys, View
 from ..camera import frame as axes_of
+from ..camera import ground_height
 from ..colors import PALETTE, STONE
 from ..described import appearances_of, image_uv, view_of
 from ..framing import fit_all
@@ -22,6 +23,7 @@ from .pieces import Arrays, Cut, Frame, turned
 from .printed import Print, in_palette, palette, printed
 
 ASPECT = 16 / 9  # of the pictures that the camera is made for
+AROUND, HORIZON = 4.0, 60.0  # sizes of all that there is, to which the ground goes: where viewers frame it, where a camera is
 SHARP = np.cos(np.radians(40.0))  # edges of solids that turn by more look sharp
 
 
@@ -148,8 +150,11 @@ class Shot:
                                   "set of them: export usda, usdc, obj, ply or vtu")
 
 
-def shot(pieces: Cut) -> Shot:
+def shot(pieces: Cut, floor: bool = False) -> Shot:
     """Reads a run.
+
+    Args:
+        floor: whether a scene that does not say how high its ground is has one all the same, where pictures have it.
 
     Raises:
         OutputError: a frame is missing or damaged.
@@ -162,8 +167,11 @@ def shot(pieces: Cut) -> Shot:
     meshes += [_solid(k, g, frames) for k in range(len(g["solid_names"]))]
     times = np.array([float(f["t"]) for f in frames])
     cameras = _cameras(g, times, meshes)
-    if not np.isnan(g["ground"]):
-        meshes.append(_ground(float(g["ground"]), meshes, view_of(g), cameras[0]))
+    height = float(g["ground"])
+    if np.isnan(height) and floor and view_of(g).drawn_floor not in ("none", "shadow"):
+        height = _lowest(meshes, view_of(g))
+    if not np.isnan(height):
+        meshes.append(_ground(height, meshes, view_of(g), cameras[0], HORIZON if floor else AROUND))
     names = unique([mesh.name for mesh in meshes])
     meshes = [replace(mesh, name=name) for name, mesh in zip(names, meshes)]
     return Shot(numbers, pieces.fps, times, meshes, cameras, str(pieces.path), view_of(g))
@@ -303,12 +311,21 @@ def _cameras(g: Arrays, times: np.ndarray, meshes: list[Mesh]) -> list[Camera]:
     return [fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT)]
 
 
-def _ground(height: float, meshes: list[Mesh], view: View, camera: Camera) -> Mesh:
-    """A square under everything, of the floor's colour in pictures."""
+def _lowest(meshes: list[Mesh], view: View) -> float:
+    """Height [m] of the ground below all meshes at all frames, as pictures have it: solids that are the lowest stand on it."""
+    low = {kind: min((float(x[:, 1].min()) for m in meshes if m.kind == kind for x in m.x), default=np.inf)
+           for kind in ("cloth", "solid")}
+    cloth, solid = low["cloth"] - view.reach, low["solid"]
+    first = np.concatenate([mesh.position(0) for mesh in meshes]).astype(np.float64)
+    return solid if solid <= cloth else min(ground_height(first, view), cloth, solid)
+
+
+def _ground(height: float, meshes: list[Mesh], view: View, camera: Camera, wide: float) -> Mesh:
+    """A square under everything, of the floor's colour in pictures; wide: half of its side, in sizes of all that there is."""
     rig, floor = rig_of(view.light, axes_of(camera)), view.drawn_floor
     color = rig.floor if isinstance(floor, str) else floor
     low, high = bounds(meshes)
-    (a, _, c), r = (low + high) / 2, 4 * float(np.linalg.norm(high - low))
+    (a, _, c), r = (low + high) / 2, wide * float(np.linalg.norm(high - low))
     x = np.array([[a - r, height, c + r], [a + r, height, c + r], [a + r, height, c - r], [a - r, height, c - r]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
     return Mesh("ground", "solid", np.array(color), [Surface(faces, None, faces)], [x.astype(np.float32)], [])
