@@ -26,6 +26,7 @@ VERSION = 14  # of checkpoints' content
 BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
 RENAMED = {"was": "least_before", "firmness": "adaptive_stiffness", "boost": "scale", "lips": "opened_seams",
            "foresight": "forcing_terms", "growth": "thickness_ramp", "debt": "accumulated_gain"}  # by 14
+PENETRATION = "contacts.solids.penetration"
 
 
 class Checkpointed:
@@ -87,6 +88,9 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
     if "contacts.solids.pinches.accepted.index" in state:
         pinched = len(state["contacts.solids.pinches.accepted.index"])
         state |= {"contacts.solids.pinches.accepted.friction": np.zeros((pinched, 3))}
+    spared = state.get(f"{PENETRATION}.spared")
+    if spared is not None:  # and where cloth is looked for inside solids
+        state = {f"{PENETRATION}.across": np.zeros(len(spared), dtype=bool), f"{PENETRATION}.sought": spared > 0, **state}
     if version > BEFORE:
         return {**state, "version": np.array(VERSION)}
     of_force = below("gas", state)

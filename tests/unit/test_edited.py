@@ -115,3 +115,11 @@ def test_names_of_version_13_are_read_as_they_are_now():
                          "contacts.solids.thickness_ramp.part", "contacts.forcing_terms.rounds",
                          "integrator.accurate.accumulated_gain", "force.Own.0.was", "particles.boost"]
     assert list(now.values()) == list(old.values())
+
+
+def test_what_version_13_did_not_keep_of_pinched_cloth():
+    """Particles that were spared may be inside a solid, and are looked for there; nothing is known to be across."""
+    spared = "contacts.solids.penetration.spared"
+    now = understood({"version": np.array(13), spared: np.array([0.0, 0.1, 0.0])}, "safe", [])
+    assert now["contacts.solids.penetration.sought"].tolist() == [False, True, False]
+    assert now["contacts.solids.penetration.across"].tolist() == [False] * 3 and len(now) == 4
