@@ -12,7 +12,7 @@ from ..system.cones import Cones
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
-from .points import ContactForce, Points
+from .points import ContactForce, ContactRows
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
@@ -59,7 +59,7 @@ class Contacts(Checkpointed):
         self.balance = Balance(self.solids, nowhere)
         self.found: Found | None = None
         self.rounds = 0
-        self.between, self.others, self.forcing_terms = Points.none(), Points.none(), ForcingTerms()
+        self.between, self.others, self.forcing_terms = ContactRows.none(), ContactRows.none(), ForcingTerms()
         self.warm = self.crowded = False
 
     @property
@@ -93,7 +93,7 @@ class Contacts(Checkpointed):
         else:
             balance.take(self.found)
             if smooth:
-                balance.go_on(self.found.residual.off <= NEAR)
+                balance.go_on(self.found.residual.relative <= NEAR)
             balance.hold()
         self.base = self.start.begins
         if balance.held is not None:
@@ -109,7 +109,7 @@ class Contacts(Checkpointed):
         """Friction of sliding contacts, pairs, and layers where they are part of the problem, as points of contact."""
         self.take(self.balance.rubs(self.base[1]), True)
 
-    def take(self, rubs: Points | None, led: bool) -> bool:
+    def take(self, rubs: ContactRows | None, led: bool) -> bool:
         """Linearizes contact for a solve that begins at `base`. Returns whether there is room for all of its points.
 
         The points are those of friction of pinched particles, of pairs of edges, and of layers where these are part of the
@@ -119,12 +119,12 @@ class Contacts(Checkpointed):
             rubs: further points, of friction of particles that slide on solids.
             led: whether pairs of edges are linearized with held particles at their targets. Else they are where they are.
         """
-        self.others = Points.join(self.solids.take_others(self.base, led))
+        self.others = ContactRows.join(self.solids.take_others(self.base, led))
         points = [self.others] + ([] if rubs is None else [rubs])
         if self.layered and self.layers is not None:
             self.between = self.layers.points(self.base[0])
             points = [self.between, *points]
-        self.crowded = not self.force.set(Points.join(points))
+        self.crowded = not self.force.set(ContactRows.join(points))
         return not self.crowded
 
     def judge(self, reaction: np.ndarray, inertia: np.ndarray, left: float = 0.0) -> bool:
@@ -144,7 +144,7 @@ class Contacts(Checkpointed):
         self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
         others = solids.wanting() + int(solids.pinches.possible and solids.pinches.lags(self.start, solids.near.end_positions))
         r = self.found.residual
-        agrees = r.off <= max(self.enough, left / r.acting) and not balance.smoothed and not others
+        agrees = r.relative <= max(self.enough, left / r.acting) and not balance.smoothed and not others
         solids.unsettled = 0 if agrees else max(r.changed, 1)
         solids.trial = balance.next_states(self.found)
         return agrees
@@ -153,7 +153,7 @@ class Contacts(Checkpointed):
         """The cones of friction of the contacts found, if their residual is large and their planes still follow; else None:
         then their states follow from the law alone. If there are any, the last solve's friction on solids is taken out of the
         system."""
-        if self.found is None or self.found.residual.off <= NEAR or self.rounds > MET:
+        if self.found is None or self.found.residual.relative <= NEAR or self.rounds > MET:
             return None
         cones = self.balance.cones(self.found)
         if cones is not None:
@@ -172,20 +172,20 @@ class Contacts(Checkpointed):
         """Part of all that acts by which contacts may now be off."""
         return AGREED * 2.0 ** max(0, self.rounds - STRICT)
 
-    def accept(self, lacks: np.ndarray, needed: np.ndarray) -> bool:
+    def accept(self, lacks: np.ndarray, balance_reaction: np.ndarray) -> bool:
         """Whether contacts agree with the forces where a linear solve led. If so, contact forces are set to these.
 
         Args:
             lacks: (n, 3) [N s] that the step lacks there, without friction of particles that slide on solids.
-            needed: (k, 3) [N s] that balances it on the held particles.
+            balance_reaction: (k, 3) [N s] that balances it on the held particles.
         """
         solids, balance, active = self.solids, self.balance, self.solids.active
-        bear = active.holding.forces(active.contacts, needed)
+        bear = active.holding.forces(active.contacts, balance_reaction)
         found = balance.assess(lacks, self.model.read_particles()[1], bear, bear)
-        if found.residual.off > self.enough:
+        if found.residual.relative > self.enough:
             return False
         self.found, solids.unsettled, solids.trial = found, 0, balance.next_states(found)
-        solids.record_forces(needed, self.base[0])
+        solids.record_forces(balance_reaction, self.base[0])
         return True
 
     def record(self, reaction: np.ndarray) -> None:
@@ -270,7 +270,7 @@ class Contacts(Checkpointed):
         led = self.solids.pinches.where
         out = {"contacts": self.count, "unconverged_contacts": self.solids.unsettled, "pinched": pinched,
                "solid_intersections": self.crossings, "place": self.place(), "led": led if led.any() else None,
-               "contact_error": self.found.residual.off if self.found is not None and self.count else 0.0}
+               "contact_error": self.found.residual.relative if self.found is not None and self.count else 0.0}
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections

@@ -26,17 +26,17 @@ MOST = 40  # a particle that there may be, and SPARE more
 
 
 @dataclass(frozen=True)
-class Points:
+class ContactRows:
     """Places on cloth, or differences of two, that contacts add to the system of a step.
 
-    A point moves by J p = sum_a (w_a I + t_a n^T) p_a where its particles move by p_a. The turns t, at right angles to n, take
+    A point moves by J p = sum_a (w_a I + t_a n^T) p_a where its particles move by p_a. The rows t, at right angles to n, take
     off its motion by the turning of the cloth round it.
 
     Attributes:
         vertices: (k, 4) particles; weights: (k, 4) w.
         block: (k, 6) symmetric A [kg]: J^T A J is added to the system's matrix.
         rhs: (k, 3) r [kg m/s]: J^T r is added to its right-hand side.
-        normal: (k, 3) n; turns: (k, 4, 3) t. None for points that do not turn.
+        normal: (k, 3) n; rotation_coupling: (k, 4, 3) t. None for points that do not turn.
     """
 
     vertices: np.ndarray
@@ -44,21 +44,21 @@ class Points:
     block: np.ndarray
     rhs: np.ndarray
     normal: np.ndarray | None = None
-    turns: np.ndarray | None = None
+    rotation_coupling: np.ndarray | None = None
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) how the points move where the particles move by rows (n, 3)."""
         mine = rows.take(self.vertices, axis=0)
         out = np.einsum("ka,kai->ki", self.weights, mine)
-        if self.turns is None or self.normal is None:
+        if self.rotation_coupling is None or self.normal is None:
             return out
-        return out + np.einsum("kai,ka->ki", self.turns, np.einsum("kai,ki->ka", mine, self.normal))
+        return out + np.einsum("kai,ka->ki", self.rotation_coupling, np.einsum("kai,ki->ka", mine, self.normal))
 
     def spread(self, forces: np.ndarray, to: np.ndarray) -> None:
         """Adds to (n, 3) forces on the particles their shares of forces (k, 3) on the points."""
         push = self.weights[:, :, None] * forces[:, None, :]
-        if self.turns is not None and self.normal is not None:
-            push += np.einsum("kai,ki->ka", self.turns, forces)[:, :, None] * self.normal[:, None, :]
+        if self.rotation_coupling is not None and self.normal is not None:
+            push += np.einsum("kai,ki->ka", self.rotation_coupling, forces)[:, :, None] * self.normal[:, None, :]
         for c in range(3):  # a fifth of the time of np.add.at
             to[:, c] += np.bincount(self.vertices.ravel(), push[:, :, c].ravel(), len(to))
 
@@ -76,27 +76,28 @@ class Points:
         return float(np.sum((sym_times(self.block, dv) / 2 - self.rhs) * dv))
 
     @staticmethod
-    def at(particles: np.ndarray, block: np.ndarray, rhs: np.ndarray) -> "Points":
+    def at(particles: np.ndarray, block: np.ndarray, rhs: np.ndarray) -> "ContactRows":
         """Points that are particles (k,)."""
         vertices, weights = np.repeat(particles[:, None], CORNERS, axis=1), np.tile(np.eye(CORNERS)[0], (len(rhs), 1))
-        return Points(vertices, weights, block, rhs)
+        return ContactRows(vertices, weights, block, rhs)
 
     @staticmethod
-    def none() -> "Points":
+    def none() -> "ContactRows":
         """No points."""
-        return Points(np.zeros((0, CORNERS), dtype=np.int64), np.zeros((0, CORNERS)), np.zeros((0, 6)), np.zeros((0, 3)))
+        return ContactRows(np.zeros((0, CORNERS), dtype=np.int64), np.zeros((0, CORNERS)), np.zeros((0, 6)), np.zeros((0, 3)))
 
     @staticmethod
-    def join(parts: Sequence["Points"]) -> "Points":
+    def join(parts: Sequence["ContactRows"]) -> "ContactRows":
         """Points one after the other."""
         vertices, weights, block, rhs = (np.concatenate([getattr(p, name) for p in parts])
                                          for name in ("vertices", "weights", "block", "rhs"))
-        if all(p.turns is None for p in parts):
-            return Points(vertices, weights, block, rhs)
+        if all(p.rotation_coupling is None for p in parts):
+            return ContactRows(vertices, weights, block, rhs)
         zero = [np.zeros((len(p.rhs), CORNERS + 1, 3)) for p in parts]
-        return Points(vertices, weights, block, rhs,
-                      np.concatenate([z[:, 0] if p.normal is None else p.normal for p, z in zip(parts, zero)]),
-                      np.concatenate([z[:, 1:] if p.turns is None else p.turns for p, z in zip(parts, zero)]))
+        return ContactRows(vertices, weights, block, rhs,
+                           np.concatenate([z[:, 0] if p.normal is None else p.normal for p, z in zip(parts, zero)]),
+                           np.concatenate([z[:, 1:] if p.rotation_coupling is None else p.rotation_coupling
+                                           for p, z in zip(parts, zero)]))
 
 
 def tangential(rows: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -171,7 +172,7 @@ class ContactForce(Force):
         self.rhs = fields.real(self.capacity, 3)
         if self.layered:
             self.normal = fields.real(self.capacity, 3)
-            self.turns = fields.real(self.capacity, 3 * CORNERS)
+            self.rotation_coupling = fields.real(self.capacity, 3 * CORNERS)
         self._use(0)
 
     def _use(self, rows: int) -> None:
@@ -181,7 +182,7 @@ class ContactForce(Force):
 
     def _points(self) -> list:
         """Fields with a row a point."""
-        layered = [self.normal, self.turns] if self.layered else []
+        layered = [self.normal, self.rotation_coupling] if self.layered else []
         return [self.vertices, self.weights, self.A, self.rhs, *layered]
 
     def _grow(self, count: int) -> None:
@@ -192,7 +193,7 @@ class ContactForce(Force):
         fields.allocate()
         shared_kernels.look_again()
 
-    def set(self, p: Points) -> bool:
+    def set(self, p: ContactRows) -> bool:
         """Replaces the points; False where there are more than there may be."""
         e, first = touching(p.vertices, self.model.blocks.bounds)
         if len(e) > self.most:
@@ -206,9 +207,11 @@ class ContactForce(Force):
             write(field, numbers.take(e, axis=0).astype(self.exchange, copy=False))
         if self.layered:
             none = np.zeros((len(p.rhs), CORNERS, 3))
-            normal, turns = (none[:, 0], none) if p.normal is None or p.turns is None else (p.normal, p.turns)
+            normal, t = p.normal, p.rotation_coupling
+            if normal is None or t is None:
+                normal, t = none[:, 0], none
             write(self.normal, normal.take(e, axis=0).astype(self.exchange, copy=False))
-            write(self.turns, turns.take(e, axis=0).astype(self.exchange, copy=False))
+            write(self.rotation_coupling, t.take(e, axis=0).astype(self.exchange, copy=False))
         return True
 
     @ti.func
@@ -243,7 +246,7 @@ class ContactForce(Force):
     @ti.func
     def turn(self, e, k: ti.template()):
         """Turn of corner k of entry e."""
-        t = self.turns[e]
+        t = self.rotation_coupling[e]
         return ti.Vector([t[3 * k], t[3 * k + 1], t[3 * k + 2]])
 
     @ti.func

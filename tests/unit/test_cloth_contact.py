@@ -22,7 +22,7 @@ from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.cloth.untangle import Intersections
 from taichi_cloth.contact.geometry import VERTEX_FACE
-from taichi_cloth.contact.points import Points
+from taichi_cloth.contact.points import ContactRows
 from taichi_cloth.contact.step_start import ForcingTerms
 from taichi_cloth.scene.intersections import self_crossings
 from taichi_cloth.step.nonlinear.layer_contact import LATER, LayerStep
@@ -745,7 +745,7 @@ def step(touches):
 assert step(False).contacts is None
 sim = step(True)
 assert sim.log[-1].contacts > 500 and sim.contacts.layers is None
-assert not hasattr(sim.contacts.force, "turns") and sim.contacts.force.capacity < 8 * 576 + 40000
+assert not hasattr(sim.contacts.force, "rotation_coupling") and sim.contacts.force.capacity < 8 * 576 + 40000
 """
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     lines = done.stdout.splitlines()
@@ -784,10 +784,10 @@ def test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns(rng):
     sim.close()
 
 
-def one(n: int, points: Points, k: int, forces: np.ndarray) -> np.ndarray:
+def one(n: int, points: ContactRows, k: int, forces: np.ndarray) -> np.ndarray:
     """(n, 3) what a force on point k alone is for the particles."""
     out = np.zeros((n, 3))
-    Points(*(getattr(points, f.name)[k:k + 1] for f in dataclasses.fields(Points))).spread(forces[k:k + 1], out)
+    ContactRows(*(getattr(points, f.name)[k:k + 1] for f in dataclasses.fields(ContactRows))).spread(forces[k:k + 1], out)
     return out
 
 
@@ -812,19 +812,19 @@ def test_points_of_contact_join_the_product_and_its_diagonal(rng):
     R = rng.normal(size=(40, 3, 3))
     block = np.einsum("kia,kja->kij", R, R)[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     vertices = np.stack([rng.choice(n, 4, replace=False) for _ in range(40)])
-    p = Points(vertices, rng.normal(size=(40, 4)), block, rng.normal(size=(40, 3)), rng.normal(size=(40, 3)),
-               rng.normal(size=(40, 4, 3)))
+    p = ContactRows(vertices, rng.normal(size=(40, 4)), block, rng.normal(size=(40, 3)), rng.normal(size=(40, 3)),
+                    rng.normal(size=(40, 4, 3)))
     v = rng.normal(size=(n, 3))
     assert sim.contacts.force.set(p)
     product, right = sim.product(v, 1 / 60), sim.right_hand_side(1 / 60)
     diagonal = Diagonal(sim)
     diagonal.add()
-    assert sim.contacts.force.set(Points(p.vertices[:0], p.weights[:0], p.block[:0], p.rhs[:0]))
+    assert sim.contacts.force.set(ContactRows(p.vertices[:0], p.weights[:0], p.block[:0], p.rhs[:0]))
     product -= sim.product(v, 1 / 60)
     right -= sim.right_hand_side(1 / 60)
     A, J = block[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3), np.zeros((40, 3, n, 3))
     for k in range(40):
-        for i, w, t in zip(p.vertices[k], p.weights[k], p.turns[k]):
+        for i, w, t in zip(p.vertices[k], p.weights[k], p.rotation_coupling[k]):
             J[k, :, i] += w * np.eye(3) + np.outer(t, p.normal[k])
     mine = sim.model.to_user(np.einsum("kanb,kac,kcmd,md->nb", J, A, J, sim.model.to_particles(v), optimize=True))
     assert np.abs(product - mine).max() < 1e-12 * np.abs(mine).max()

@@ -332,7 +332,7 @@ def test_solves_are_told_what_the_reference_says(rng):
         assert (np.abs(points.block - A) / size)[~wild].max() < 1e-6
         assert (np.abs(points.rhs - r) / np.abs(r).max(axis=1, keepdims=True))[~wild].max() < 1e-5
         t = np.stack([pair.t for pair in pairs.values()])
-        assert np.abs(points.turns - t)[~wild].max() < 1e-7 * np.abs(t[~wild]).max()
+        assert np.abs(points.rotation_coupling - t)[~wild].max() < 1e-7 * np.abs(t[~wild]).max()
         weighed = layers._evaluate(p)[0]
         assert np.allclose(weighed[OWN], [q.own for q in pairs.values()], rtol=1e-12)
         assert np.allclose(weighed[STIFF], [q.stiff for q in pairs.values()], rtol=1e-12)
@@ -360,7 +360,7 @@ def test_solves_are_told_what_the_reference_says(rng):
             bore[key] = max(normal, 0.0)
             friction = -bound * way - drag * (slip - ahead * way)
             led[GAP, row], led[RUBBED, row], led[BACK, row] = now, np.linalg.norm(friction), ahead < 0
-            J = ref.jacobian(pair.w, points.turns[row], pair.n)
+            J = ref.jacobian(pair.w, points.rotation_coupling[row], pair.n)
             if wild[row]:
                 friction = layers.linearized.friction(layers.linearized.slip(model_at - x_0) / (H / 2))[row]
             np.add.at(forces, v, (J.T @ (normal * pair.n + friction)).reshape(4, 3))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_cloth.contact.solid.coulomb import SMOOTH, Rows, follow, smoothed
+from taichi_cloth.contact.solid.coulomb import SMOOTH, Rows, project_to_coulomb, smoothed
 from taichi_cloth.contact.solid.vertices import VertexContacts
 
 MU, M, C = 0.4, 2e-3, 0.01
@@ -22,8 +22,8 @@ def state(stick: bool, normal: float = 0.0, push: tuple = (0, 0, 0), drag: float
 
 
 def ruled(f, was, slip, impulse):
-    rows, p, bears = follow(f, was, np.array([slip], dtype=float), np.array([impulse], dtype=float), np.array([impulse[1]]),
-                            np.array([M]), np.array([M]), C)
+    rows, p, bears = project_to_coulomb(f, was, np.array([slip], dtype=float), np.array([impulse], dtype=float),
+                                        np.array([impulse[1]]), np.array([M]), np.array([M]), C)
     return rows, p[0], bool(bears[0])
 
 

@@ -126,7 +126,8 @@ def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch
     from taichi_cloth.contact.contacts import NEAR, Contacts
 
     seen, runs, judge, run = [], [], Contacts.judge, ProximalGradient.run
-    monkeypatch.setattr(Contacts, "judge", lambda self, *given: (judge(self, *given), seen.append(self.found.residual.off))[0])
+    monkeypatch.setattr(Contacts, "judge",
+                        lambda self, *given: (judge(self, *given), seen.append(self.found.residual.relative))[0])
     monkeypatch.setattr(ProximalGradient, "run", lambda self, cones: runs.append(seen[-1]) or run(self, cones))
     scene, mesh = tc.Scene(), tc.grid(0.6, 12)
     fabric = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ...system.checkpoint import Checkpointed
-from ..points import Points, rows_of, tangential
+from ..points import ContactRows, rows_of, tangential
 from ..solid.pairs import SOFTER, STIFFER
 from .barrier import FLOOR
 from .pair_kernels import AT, BEARS, CONE, DRAG, FORCE, GAP, OFFSET, SLOPE, TAKEN, WAY
@@ -93,7 +93,7 @@ class LinearizedPairs:
     """
 
     near: ContactPairs
-    points: Points
+    points: ContactRows
     weighed: np.ndarray
     taken: np.ndarray
 

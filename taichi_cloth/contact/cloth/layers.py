@@ -23,7 +23,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points
+from ..points import ContactRows
 from ..step_start import StepContext
 from . import pair_kernels
 from .barrier import FLOOR
@@ -127,27 +127,27 @@ class Layers(Checkpointed):
         return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # it finds pairs that distances missed
 
     @timed
-    def points(self, base: np.ndarray) -> Points:
-        """All pairs linearized as `Points`, for a solve from positions base (n, 3)."""
+    def points(self, base: np.ndarray) -> ContactRows:
+        """All pairs linearized as `ContactRows`, for a solve from positions base (n, 3)."""
         p, q, k = self.near, self.linearized if self.compared is not None else None, len(self.near.end)
-        (weighed, turns), taken = self._evaluate(p), np.empty((pair_kernels.TAKEN, k))
+        (weighed, rotation_coupling), taken = self._evaluate(p), np.empty((pair_kernels.TAKEN, k))
         block, rhs = np.empty((k, 6)), np.empty((k, 3))
         row = self.compared.rows if self.compared is not None else np.full(k, -1)
         before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
         if k:
             there = self.predicted if self.compared is None else base
             rubbed, slipped = self.kept.rubbed(p)
-            self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
-                              self.start.c, int(not self.round), base, there, self._last_forces(p), rubbed,
-                              np.where(row < 0, slipped, np.inf), row, before, taken, block, rhs)
-        points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
+            self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, rotation_coupling,
+                                   self.start.h, self.start.c, int(not self.round), base, there, self._last_forces(p), rubbed,
+                                   np.where(row < 0, slipped, np.inf), row, before, taken, block, rhs)
+        points = ContactRows(p.vertices, p.weights, block, rhs, p.normal, rotation_coupling)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:
             self.compared = Comparison(self.linearized, p, self._measure(self.linearized))
         self.round += 1
         if not self.intersections.active:
             return points
-        return Points.join([points, self.intersections.points(self.start, base, self.model.mass)])
+        return ContactRows.join([points, self.intersections.points(self.start, base, self.model.mass)])
 
     def _last_forces(self, p: ContactPairs) -> np.ndarray:
         """(k,) normal forces [N] of pairs in the last solve, or, where that is not known, -1."""
@@ -373,18 +373,18 @@ class Layers(Checkpointed):
         self._let_rest()
 
     def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
-        """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pair_kernels`."""
+        """((., k) numbers, (k, 4, 3) `rotation_coupling`) of pairs as they are, see `pair_kernels`."""
         if self._weighed is None or self._weighed[0] is not p:
-            out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
+            out, rotation_coupling = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
                 self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor,
-                                      self.adaptive_stiffness.factors, self.start.h, out, turns)
-            self._weighed = p, out, turns
+                                      self.adaptive_stiffness.factors, self.start.h, out, rotation_coupling)
+            self._weighed = p, out, rotation_coupling
         return self._weighed[1:]
 
     def _measure(self, q: LinearizedPairs) -> np.ndarray:
         """(., j) numbers of pairs that a solve took, where the model now is."""
         p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
         if len(p.end):
-            self.kernels.measure(p.vertices, p.weights, p.normal, q.points.turns, q.taken, self.start.h, out)
+            self.kernels.measure(p.vertices, p.weights, p.normal, q.points.rotation_coupling, q.taken, self.start.h, out)
         return out

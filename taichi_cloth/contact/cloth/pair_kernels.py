@@ -48,8 +48,8 @@ class PairKernels:
     @ti.kernel
     def evaluate(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
                  normals: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(),
-                 boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
-        """Pairs as they are, and their turns (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""
+                 boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), rotation_coupling: ti.types.ndarray()):
+        """Pairs as they are, and their `rotation_coupling` (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""
         for k in range(vertices.shape[0]):
             light, more = 0 * weights[k, 0], boost[vertices[k, 0]]
             for a in ti.static(range(4)):
@@ -59,7 +59,7 @@ class PairKernels:
             stiff = ti.static(PRESS / USUAL**2) * own * factor[k] * more
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
-            counts = self.turn(pair[k, 2], vertices, k, n, end[k], turns)
+            counts = self.turn(pair[k, 2], vertices, k, n, end[k], rotation_coupling)
             force, slope = self.pull(end[k], radius[k], began, stiff, own, factor[k], h)
             out[OWN, k], out[STIFF, k], out[BEGAN, k], out[NOW, k] = own, stiff, began, force
             out[MU, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * counts
@@ -68,7 +68,7 @@ class PairKernels:
     @ti.kernel
     def linearize(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
                   end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
-                  turns: ti.types.ndarray(), h: float, c: float, first: int, base: ti.types.ndarray(),
+                  rotation_coupling: ti.types.ndarray(), h: float, c: float, first: int, base: ti.types.ndarray(),
                   there: ti.types.ndarray(), last_force: ti.types.ndarray(), rubbed: ti.types.ndarray(),
                   slipped: ti.types.ndarray(), row: ti.types.ndarray(),
                   before: ti.types.ndarray(), out: ti.types.ndarray(),
@@ -94,7 +94,7 @@ class PairKernels:
                 i = vertices[k, a]
                 x = self.model.x_saved[i]
                 now, then = row_of(base, i) - x, row_of(there, i) - x
-                w, turn = weights[k, a], turn_of(turns, k, a)
+                w, turn = weights[k, a], turn_of(rotation_coupling, k, a)
                 moved += w * now + n.dot(now) * turn
                 slip += (w * then + n.dot(then) * turn) / h
             slip -= n.dot(slip) * n
@@ -127,7 +127,7 @@ class PairKernels:
 
     @ti.kernel
     def measure(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
-                turns: ti.types.ndarray(), taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
+                rotation_coupling: ti.types.ndarray(), taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
         """Pairs that a solve took, where the model now is."""
         for k in range(vertices.shape[0]):
             n, way = row_of(normals, k), ti.Vector([taken[WAY + c, k] for c in ti.static(range(3))])
@@ -135,7 +135,7 @@ class PairKernels:
             slip = (x - self.at(vertices, weights, k, self.model.x_saved)) / h
             for a in ti.static(range(4)):
                 i = vertices[k, a]
-                slip += n.dot(self.model.x[i] - self.model.x_saved[i]) / h * turn_of(turns, k, a)
+                slip += n.dot(self.model.x[i] - self.model.x_saved[i]) / h * turn_of(rotation_coupling, k, a)
             slip += ti.Vector([taken[OFFSET + c, k] for c in ti.static(range(3))]) - n.dot(slip) * n
             along = slip.dot(way)
             out[GAP, k] = n.dot(x)
@@ -149,10 +149,10 @@ class PairKernels:
                 + weights[k, 2] * rows[vertices[k, 2]] + weights[k, 3] * rows[vertices[k, 3]])
 
     @ti.func
-    def turn(self, kind, vertices: ti.template(), k, n, d, turns: ti.template()):
-        """Works out a pair's turns; part of its friction that it keeps.
+    def turn(self, kind, vertices: ti.template(), k, n, d, rotation_coupling: ti.template()):
+        """Works out a pair's t_a, `rotation_coupling`; part of its friction that it keeps.
 
-        Slip is w . v + sum_a t_a (n . v_a). The turns t_a add up to 0 on either side, and t_a x_a^T to d (I - n n^T): a
+        Slip is w . v + sum_a t_a (n . v_a). The t_a add up to 0 on either side, and t_a x_a^T to d (I - n n^T): a
         pair that turns as one does not slip. Friction, which acts at two places a distance d apart, does not turn the pair.
         """
         p, q = self.model.x[vertices[k, 0]], self.model.x[vertices[k, 1]]
@@ -168,10 +168,10 @@ class PairKernels:
         else:
             over_a, over_b = 0 * over_a, 0 * over_b
         for c in ti.static(range(3)):
-            turns[k, 0, c] = ti.select(kind == EDGE_EDGE, -over_a[c], 0.0)
-            turns[k, 1, c] = ti.select(kind == EDGE_EDGE, over_a[c], -over_a[c] - over_b[c])
-            turns[k, 2, c] = ti.select(kind == EDGE_EDGE, -over_b[c], over_a[c])
-            turns[k, 3, c] = over_b[c]
+            rotation_coupling[k, 0, c] = ti.select(kind == EDGE_EDGE, -over_a[c], 0.0)
+            rotation_coupling[k, 1, c] = ti.select(kind == EDGE_EDGE, over_a[c], -over_a[c] - over_b[c])
+            rotation_coupling[k, 2, c] = ti.select(kind == EDGE_EDGE, -over_b[c], over_a[c])
+            rotation_coupling[k, 3, c] = over_b[c]
         return counts
 
     @ti.func
@@ -223,9 +223,9 @@ def limit(began, radius, h):
 
 
 @ti.func
-def turn_of(turns: ti.template(), k, a: ti.template()):
+def turn_of(rotation_coupling: ti.template(), k, a: ti.template()):
     """Row (k, a) of (., 4, 3) as a vector."""
-    return ti.Vector([turns[k, a, 0], turns[k, a, 1], turns[k, a, 2]])
+    return ti.Vector([rotation_coupling[k, a, 0], rotation_coupling[k, a, 1], rotation_coupling[k, a, 2]])
 
 
 @ti.func

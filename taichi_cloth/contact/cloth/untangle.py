@@ -14,7 +14,7 @@ from ...errors import SceneError
 from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
-from ..points import Points, sym_outer, sym_times, unit
+from ..points import ContactRows, sym_outer, sym_times, unit
 from ..solid.penetration import SPARED
 from ..step_start import StepContext
 from .collision_mesh import CollisionMesh
@@ -160,22 +160,22 @@ class Intersections(Checkpointed):
         more = p.vertices[rests], p.weights[rests], p.normal[rests], p.radius[rests]
         self.parting = tuple(np.concatenate(both) for both in zip(self.parting, more))
 
-    def points(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> Points:
+    def points(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> ContactRows:
         """Points of contact that lead edges out of triangles, and pairs apart."""
         if self.policy != "untangle":
-            return Points.none()
-        return Points.join([self._crossing(start, base, mass), self._parting(start, base, mass)])
+            return ContactRows.none()
+        return ContactRows.join([self._crossing(start, base, mass), self._parting(start, base, mass)])
 
-    def _parting(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> Points:
+    def _parting(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> ContactRows:
         """Points that lead pairs further that have just come apart: on their way, by a thickness in a usual step."""
         vertices, weights, normal, radius = self.parting
         gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
         step = np.clip(radius - gap, 0.0, radius * start.share)
         stiff = np.where(step > 0, PULL * FIRMEST / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
-        return Points(vertices, weights, stiff[:, None] * sym_outer(normal),
-                      (stiff * (step - gone) / start.c)[:, None] * normal)
+        return ContactRows(vertices, weights, stiff[:, None] * sym_outer(normal),
+                           (stiff * (step - gone) / start.c)[:, None] * normal)
 
-    def _crossing(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> Points:
+    def _crossing(self, start: StepContext, base: np.ndarray, mass: np.ndarray) -> ContactRows:
         """Points that lead edges out of triangles."""
         k, x_0 = len(self.rows), start.x
         face = self.faces[self.rows]
@@ -196,7 +196,7 @@ class Intersections(Checkpointed):
         block = (PULL * firm * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
         rhs = sym_times(block, (step[:, None] * way - gone) / start.c)
-        return Points(vertices, weights, block, rhs)
+        return ContactRows(vertices, weights, block, rhs)
 
     def _shorter(self, x: np.ndarray, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
         """(k, 3) unit directions for edges along which their triangles' contours with the faces get shorter."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...system.cones import Cones
-from ..points import Points, length, rows_of, sym_times, tangential
+from ..points import ContactRows, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
-from .coulomb import MOST, SMOOTH, Rows, borne, follow, smoothed
+from .coulomb import MOST, SMOOTH, Rows, project_to_coulomb, smoothed, tangential_impulses
 from .sliding import Sliding
 from .solid_contacts import SolidContacts
 from .vertices import VertexContacts
@@ -31,14 +31,14 @@ class Residual:
     """How far a state is from solving a step.
 
     Attributes:
-        off: |b + p| over all that acts: weight, contact, pins, changes of momentum.
+        relative: |b + p| over all that acts: weight, contact, pins, changes of momentum.
         worst: the particle that most of it is at.
         acting: all that acts [N s].
         changed: contacts whose state changes.
         law: |p by the law - p that the last linear solve took| over all that acts; with `contact_tol` only.
     """
 
-    off: float
+    relative: float
     worst: int
     acting: float
     changed: int = 0
@@ -110,14 +110,14 @@ class Balance:
         states = States(f.key, rows.stick, rows.normal / start.c, rows.push)
         self.solids.active = ActiveSet(f, states, self.slip, lift, replace(holding, held=held))
 
-    def rubs(self, v: np.ndarray) -> Points:
+    def rubs(self, v: np.ndarray) -> ContactRows:
         """Friction of sliding contacts, for a solve that begins with velocities v (n, 3) [m/s]."""
         slides, start = ~self.rows.stick, self.start
         f, rows = self.f.take(slides), self.rows.take(slides)
         block = rows.blocks(f.normal)
         against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
         push = (f.friction * rows.normal)[:, None] * rows.push - sym_times(block, against)
-        self.solids.sliding = Sliding(slides, Points.at(f.index, start.c / start.h * block, push))
+        self.solids.sliding = Sliding(slides, ContactRows.at(f.index, start.c / start.h * block, push))
         return self.solids.sliding.points
 
     def unrubbed(self, inertia: np.ndarray) -> np.ndarray:
@@ -134,30 +134,30 @@ class Balance:
             b[self.held.index] -= reaction
         points = solids.sliding.points
         points.spread(-c * points.forces(solids.near.end_positions - base, c), b)
-        taken = solids.active.holding.forces(solids.active.contacts, reaction)
-        return self.assess(b, v, taken, taken, fixed=self.k >= MET and not self.start.together)
+        solve_impulses = solids.active.holding.forces(solids.active.contacts, reaction)
+        return self.assess(b, v, solve_impulses, solve_impulses, fixed=self.k >= MET and not self.start.together)
 
-    def assess(self, b: np.ndarray, v: np.ndarray, taken: Impulses, needed: Impulses, enough: float = 0.0,
+    def assess(self, b: np.ndarray, v: np.ndarray, solve_impulses: Impulses, balance_impulses: Impulses, enough: float = 0.0,
                agreed: float = 0.0, fixed: bool = False) -> Found:
         """How far the state that the model is in is from solving the step, and the contacts' next states by the law.
 
         Args:
             b: (n, 3) impulses [N s] that the step lacks there, without friction of contacts that slide on solids.
             v: (n, 3) velocities there [m/s].
-            taken: impulses that contacts bore in the last linear solve: by them goes the next one.
-            needed: impulses that balance the state where it ended: with these the step is solved sooner.
-            enough: `off` with which it is, where `law` is no more than `agreed`.
+            solve_impulses: on contacts in the last linear solve: by them goes the next one.
+            balance_impulses: those that balance the state where it ended: with these the step is solved sooner.
+            enough: `relative` with which it is, where `law` is no more than `agreed`.
         """
         solids = self.solids
         keep = ~solids.pinned[solids.near.vertices.index]
         f, slip = solids.near.vertices.take(keep), solids.near.slip[keep]
         if fixed:
             f, slip = self._where_met(f, slip)
-        r, rows, p, bears = self._by(taken, f, slip, b, v)
-        if taken is not needed:
-            r = replace(r, law=_norm(p - self._took(taken, f, slip, bears)) / r.acting)
-            there = self._by(needed, f, slip, b, v) if r.law <= agreed else None
-            if there is not None and there[0].off <= enough:
+        r, rows, p, bears = self._by(solve_impulses, f, slip, b, v)
+        if solve_impulses is not balance_impulses:
+            r = replace(r, law=_norm(p - self._by_solve(solve_impulses, f, slip, bears)) / r.acting)
+            there = self._by(balance_impulses, f, slip, b, v) if r.law <= agreed else None
+            if there is not None and there[0].relative <= enough:
                 r, rows, p, bears = replace(there[0], law=r.law), *there[1:]
         known, was = self.rows.of(f.key)
         other = ~known[bears] | (was.stick[bears] != rows.stick[bears])
@@ -250,8 +250,8 @@ class Balance:
         solids, start, n = self.solids, self.start, len(b)
         known, was = self.rows.of(f.key)
         held, normal = (_rows(self.rows.key, values, f.key) for values in impulses)
-        rows, p, bears = follow(replace(f, gap=f.gap - self._goals(f)), was, slip, held, normal, self.mass[f.index],
-                                self.inertia[f.index], start.c)
+        rows, p, bears = project_to_coulomb(replace(f, gap=f.gap - self._goals(f)), was, slip, held, normal,
+                                            self.mass[f.index], self.inertia[f.index], start.c)
         total = b.copy()
         for c in range(3):
             total[:, c] += np.bincount(f.index, p[:, c], n)
@@ -273,11 +273,11 @@ class Balance:
         goal, most = _rows(self.rows.key, self.goal, f.key), f.start_gap + self.solids.push
         return np.where(self.solids.penetration.sought[f.index], np.minimum(goal, most), goal)
 
-    def _took(self, taken: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
+    def _by_solve(self, solve_impulses: Impulses, f: VertexContacts, slip: np.ndarray, bears: np.ndarray) -> np.ndarray:
         """(k, 3) impulses [N s] that the last linear solve put on contacts, of which some bear (k,) now."""
         known, was = self.rows.of(f.key)
-        held, normal = (_rows(self.rows.key, values, f.key) for values in taken)
-        took = normal[:, None] * f.normal + borne(f, was, slip, held)
+        held, normal = (_rows(self.rows.key, values, f.key) for values in solve_impulses)
+        took = normal[:, None] * f.normal + tangential_impulses(f, was, slip, held)
         return np.where((known | bears)[:, None], took, 0.0)
 
     def go_on(self, solved: bool) -> None:

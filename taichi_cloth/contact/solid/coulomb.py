@@ -78,7 +78,7 @@ def smoothed(key: np.ndarray, cone: np.ndarray, normal: np.ndarray, slip: np.nda
     return Rows(key, np.zeros(len(key), dtype=bool), normal, push, cone / np.maximum(speed, smooth))
 
 
-def borne(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> np.ndarray:
+def tangential_impulses(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> np.ndarray:
     """(k, 3) tangential impulses [N s] that a linear solve took, which ended with slip (k, 3) [m/s].
 
     Args:
@@ -91,8 +91,8 @@ def borne(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> n
     return np.where(was.stick[:, None], tangential(held, f.normal), slid)
 
 
-def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, normal: np.ndarray, mass: np.ndarray,
-           inertia: np.ndarray, c: float) -> tuple[Rows, np.ndarray, np.ndarray]:
+def project_to_coulomb(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, normal: np.ndarray, mass: np.ndarray,
+                       inertia: np.ndarray, c: float) -> tuple[Rows, np.ndarray, np.ndarray]:
     """Projects the result of a linear solve to the law, by the formulas of the module.
 
     Args:
@@ -106,7 +106,7 @@ def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, nor
     gap = np.where(np.abs(f.gap) < EXACT, 0.0, f.gap)
     p_n = np.maximum(normal - mass * gap / c, 0.0)
     cone, rubs = f.friction * p_n, f.friction > 0
-    tau = borne(f, was, slip, held) - inertia[:, None] * slip
+    tau = tangential_impulses(f, was, slip, held) - inertia[:, None] * slip
     size = length(tau)
     back = was.push.any(axis=1) & (np.einsum("ki,ki->k", slip, was.push) > 0)  # slip is now along friction: it has reversed
     slides = (size > cone * (1 + 1e-9)) & ~back

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...options import USUAL
 from ...system.checkpoint import Checkpointed
-from ..points import EYE, Points, rows_of, sym_outer, sym_times, tangential
+from ..points import EYE, ContactRows, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): distance that edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
@@ -107,7 +107,7 @@ def inertia(p: Pairs, mass: np.ndarray) -> np.ndarray:
 
 
 def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray,
-          firm: np.ndarray | None = None) -> Points:
+          firm: np.ndarray | None = None) -> ContactRows:
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
@@ -149,8 +149,8 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     block = drag[:, None] * (EYE - normal)
     start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h  # slip with which the solve begins
     rhs = (c * f0)[:, None] * p.normal - sym_times(block, start)
-    return Points(np.column_stack([p.vertices, p.vertices[:, 0]]), np.column_stack([p.weights, np.zeros(len(r))]),
-                  c / h * block + (c**2 * k)[:, None] * normal, rhs)
+    return ContactRows(np.column_stack([p.vertices, p.vertices[:, 0]]), np.column_stack([p.weights, np.zeros(len(r))]),
+                       c / h * block + (c**2 * k)[:, None] * normal, rhs)
 
 
 def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

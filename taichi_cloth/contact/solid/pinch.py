@@ -16,7 +16,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.elements import lumped_mass
 from ...system.held import Held
-from ..points import EYE, Points, length, rows_of, sym_outer, sym_times, tangential, unit
+from ..points import EYE, ContactRows, length, rows_of, sym_outer, sym_times, tangential, unit
 from ..step_start import StepContext
 from .facing import SURE, FacingSurfaces, Sides
 from .query import SolidCollisionDetector
@@ -115,7 +115,7 @@ class Pinches(Checkpointed):
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
         self.led = np.zeros(0, dtype=bool)
-        self.contacts, self.rubbing = VertexContacts.none(), Points.none()
+        self.contacts, self.rubbing = VertexContacts.none(), ContactRows.none()
         self.slip = self.before = self.rubs = np.zeros((0, 3))
 
     def resumed(self) -> None:
@@ -123,7 +123,7 @@ class Pinches(Checkpointed):
         self.trial = self.accepted
         self.target = self.forces = np.zeros((len(self.trial.index), 3))
         self.led = np.zeros(len(self.trial.index), dtype=bool)
-        self.contacts, self.rubbing, self.rubs = VertexContacts.none(), Points.none(), self.trial.friction
+        self.contacts, self.rubbing, self.rubs = VertexContacts.none(), ContactRows.none(), self.trial.friction
         self._mark()
 
     def _mark(self) -> None:
@@ -154,7 +154,7 @@ class Pinches(Checkpointed):
                              np.stack([both.a.normal, both.b.normal], axis=1),
                              np.stack([both.a.height, both.b.height], axis=1), share, self._rubbed(both.index))
         self.target, self.contacts = self._lead(start, both, share), self._as_contacts(start, both)
-        self.forces, self.rubbing, self.rubs = np.zeros_like(self.target), Points.none(), self.trial.friction
+        self.forces, self.rubbing, self.rubs = np.zeros_like(self.target), ContactRows.none(), self.trial.friction
         self._mark()
 
     def _rubbed(self, index: np.ndarray) -> np.ndarray:
@@ -296,7 +296,7 @@ class Pinches(Checkpointed):
                 (pins.index, pins.projector, pins.target, pins.y), (index, projector, target, y)))
         return Held.of(index, projector, target, True, y, self.scan.exchange)
 
-    def rub(self, start: StepContext, there: np.ndarray, v: np.ndarray) -> Points:
+    def rub(self, start: StepContext, there: np.ndarray, v: np.ndarray) -> ContactRows:
         """Friction of the surfaces on both sides, with where particles are expected at the end, there (n, 3) [m], in a solve
         that begins with velocities v (n, 3) [m/s]: a damping F / max(|u|, CREEP) along them, u the expected slip. It counts
         from that at which friction would be what it was at the end of the last step: what is held does not creep."""
@@ -309,7 +309,7 @@ class Pinches(Checkpointed):
             size = c * bearable / np.maximum(length(self.slip), CREEP)
             block = size[:, None] * (EYE - sym_outer(f.normal))
             against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h + self.before
-            self.rubbing = Points.at(f.index, c / start.h * block, -sym_times(block, against))
+            self.rubbing = ContactRows.at(f.index, c / start.h * block, -sym_times(block, against))
         return self.rubbing
 
     def _slip(self, start: StepContext, there: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..points import Points
+from ..points import ContactRows
 
 
 @dataclass(frozen=True)
@@ -17,4 +17,4 @@ class Sliding:
     """
 
     rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    points: Points = field(default_factory=Points.none)
+    points: ContactRows = field(default_factory=ContactRows.none)

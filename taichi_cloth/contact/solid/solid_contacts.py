@@ -19,7 +19,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.held import pinned_particles
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points, rows_of
+from ..points import ContactRows, rows_of
 from ..step_start import StepContext
 from .active_set import ActiveSet, States, hold_together
 from .pairs import PAIR, PRESS, LoadStiffness, Pairs, Step, inertia, press
@@ -80,7 +80,7 @@ class SolidContacts(Checkpointed):
         self.pinned = np.zeros(model.n, dtype=bool)
         self.near = ContactCandidates(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
-        self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
+        self.sliding, self.pressing, self.forces = Sliding(), ContactRows.none(), NO_FORCES
         self.linearized: Pairs | None = None
 
     @property
@@ -167,7 +167,7 @@ class SolidContacts(Checkpointed):
         by_pins = f.key[self.pinned[f.index]]
         return np.union1d(mine, by_pins) if len(by_pins) else mine
 
-    def take_others(self, base: tuple[np.ndarray, np.ndarray], led: bool) -> list[Points]:
+    def take_others(self, base: tuple[np.ndarray, np.ndarray], led: bool) -> list[ContactRows]:
         """Friction of pinched particles, and pairs, for a solve that begins at base: positions and velocities, each (n, 3).
 
         Args:
@@ -194,9 +194,9 @@ class SolidContacts(Checkpointed):
         return out
 
     @property
-    def rubbing(self) -> Points:
+    def rubbing(self) -> ContactRows:
         """Friction of particles that slide on solids, and of those that slip between them."""
-        return Points.join([self.sliding.points, self.pinches.rubbing])
+        return ContactRows.join([self.sliding.points, self.pinches.rubbing])
 
     def _to_go(self) -> np.ndarray:
         """(n, 3) how far held particles have to go from where pairs were looked for."""
@@ -241,7 +241,7 @@ class SolidContacts(Checkpointed):
         self.forces = replace(NO_FORCES, held=held)
         self._record_others(reaction, moved)
 
-    def bear(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, Points]) -> int:
+    def bear(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, ContactRows]) -> int:
         """Like `wanting`, after a linear solve: reaction (k, 3) on the particles that it held, motions (n, 3) [m] of all.
 
         Args:

@@ -43,8 +43,8 @@ def forces_at_end(system: System, c: float, held: Held | None, over: float) -> t
     contacts.take(None, False)
     measures = system.linearize(c, over=over)
     lacks = read(system.operator.b).astype(float)
-    needed = np.zeros((0, 3)) if held is None else system.on_held(held, -lacks[held.index])
-    return measures, lacks, needed
+    balance_reaction = np.zeros((0, 3)) if held is None else system.on_held(held, -lacks[held.index])
+    return measures, lacks, balance_reaction
 
 
 class SolidStep(EulerStep):
@@ -110,10 +110,10 @@ class SolidStep(EulerStep):
         if solids.wanting():
             return False
         keep = solids.linearized, solids.pressing, contacts.base
-        _, lacks, needed = forces_at_end(system, self.c, self.held, self.c if system.base is None else 0.0)
+        _, lacks, balance_reaction = forces_at_end(system, self.c, self.held, self.c if system.base is None else 0.0)
         contacts.base = keep[2]
         with self.clock.part("C-S"):
-            agrees = contacts.accept(lacks, needed)
+            agrees = contacts.accept(lacks, balance_reaction)
         if agrees:
             system.hold(self.held, -lacks)
         else:  # back to the system of the solve

@@ -55,7 +55,7 @@ class SolvedStep(StepProblem):
     Attributes:
         balance: of forces and contacts; found: its assessment of the state; residual: as last judged, out of balance by no
             more than `enough` where the step is solved.
-        lacks: (n, 3) impulses out of balance [N s]; taken: contact forces of the last solve.
+        lacks: (n, 3) impulses out of balance [N s]; solve_impulses: contact forces of the last solve.
         acting: the smallest sum of all impulses [N s] in any state of the step; `enough` is relative to it. Relative to its
             own sum a state that went astray, with huge forces, would pass.
         over: span [s] over which damping is an energy; 0 where the step starts from a base.
@@ -83,7 +83,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             if k:
                 balance.take(self.found)
-                balance.go_on(self.residual.off <= self.enough)
+                balance.go_on(self.residual.relative <= self.enough)
                 balance.hold()
                 contacts.base = system.model.read_particles()
             else:
@@ -126,7 +126,7 @@ class SolvedStep(StepProblem):
         solids = contacts.solids
         with self.clock.part("C-S"):
             self.reaction = system.reaction_rows()
-            self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
+            self.solve_impulses = solids.active.holding.forces(solids.active.contacts, self.reaction)
             self.solved, self.began = (solids.linearized, solids.pressing, solids.sliding), contacts.base
         with self.clock.part("EVAL"):
             self.changes.add(self.c * system.rms_change())
@@ -147,12 +147,12 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             solids.look()
         with self.clock.part("EVAL"):
-            measures, self.lacks, needed = forces_at_end(system, self.c, self.held, self.over)
+            measures, self.lacks, balance_reaction = forces_at_end(system, self.c, self.held, self.over)
             solids.sliding = Sliding()  # as it is linearized
         with self.clock.part("C-S"):
             self.balance.inertia, holding = system.inertia(), solids.active.holding
-            self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
-                solids.active.contacts, needed), self.enough, self.agreed, fixed=self.balance.k >= MET)
+            self.found = self.balance.assess(self.lacks, contacts.base[1], self.solve_impulses, holding.forces(
+                solids.active.contacts, balance_reaction), self.enough, self.agreed, fixed=self.balance.k >= MET)
         return measures
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
@@ -164,7 +164,7 @@ class SolvedStep(StepProblem):
         smoothed, r = self.balance.smoothed, self.found.residual
         self.acting = min(self.acting, r.acting)
         more = r.acting / self.acting
-        self.residual = r = replace(r, off=r.off * more, law=r.law * more)
+        self.residual = r = replace(r, relative=r.relative * more, law=r.law * more)
         with self.clock.part("C-S"):
             self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began[0], self.solved[:2])
         solved = self.within(1.0) and not smoothed and not self.pairs
@@ -180,7 +180,7 @@ class SolvedStep(StepProblem):
     def within(self, times: float) -> bool:
         """Whether the state is within so many times the tolerances."""
         r, most = self.residual, times * self.enough
-        return r.off <= most and r.law <= (self.agreed if times == 1 else self.enough)
+        return r.relative <= most and r.law <= (self.agreed if times == 1 else self.enough)
 
     def relax(self) -> None:
         """States of contacts for the next solve, by the proximal gradient method where they are far from the law."""
@@ -202,7 +202,7 @@ class SolvedStep(StepProblem):
         if self.within(BEARABLE) and not self.balance.smoothed:
             return self.finish(measures)
         r = self.residual
-        return Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * r.off:.2g} % of all forces out of balance, most at "
+        return Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * r.relative:.2g} % of all forces out of balance, most at "
                        f"particle {r.worst}, {r.changed} contacts change", measures)
 
     def finish(self, measures: Measures) -> Outcome:
@@ -214,7 +214,7 @@ class SolvedStep(StepProblem):
             contacts.base = self.began
             solids.record_forces(self.reaction, self.began[0])
             r, solved = self.residual, self.within(1.0) and not self.pairs
-            contacts.found = replace(self.found, residual=replace(r, off=r.law if solved else max(r.off, r.law)))
+            contacts.found = replace(self.found, residual=replace(r, relative=r.law if solved else max(r.relative, r.law)))
             solids.unsettled = 0 if solved else max(r.changed, 1)
             deep = solids.ends_deep()
             through = not deep and solids.went_through()
