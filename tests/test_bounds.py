@@ -68,7 +68,7 @@ def test_debug_mode_does_catch_one(tmp_path):
 import numpy as np, taichi_cloth as tc
 from taichi_cloth.app import scenefile
 sim = tc.Simulation(scenefile.read({str(ROOT / "scenes" / "swing.py")!r}).make({{"cells": 10}}), debug=True)
-sim.integrator.system.operator.alter_motion(np.array([125], dtype=np.int32), np.zeros((1, 3)))
+sim.integrator.system.operator.correct_rhs_displacement(np.array([125], dtype=np.int32), np.zeros((1, 3)))
 ''')
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False,
                           env={**os.environ, "PYTHONPATH": str(ROOT)})

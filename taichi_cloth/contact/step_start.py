@@ -51,7 +51,7 @@ class StepContext:
     def coasting(self) -> np.ndarray:
         """(n, 3) where particles are at the end if nothing acts on them [m]: x_base + c v_base."""
         coasts = self.x + self.c * self.base_v
-        return coasts if self.base is None else coasts + self.base.ahead
+        return coasts if self.base is None else coasts + self.base.x_offset
 
     @property
     def begins(self) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +62,7 @@ class StepContext:
 
     def mean(self, v: np.ndarray) -> np.ndarray:
         """(n, 3) mean velocities [m/s] of steps that end with v, alterations apart: (x_base + c v - x)/h."""
-        return v if self.base is None else (self.base.ahead + self.c * v) / self.h
+        return v if self.base is None else (self.base.x_offset + self.c * v) / self.h
 
     def altered(self, held: Held | None) -> Held | None:
         """Held particles, such that they end with their mean velocity of the step, alterations apart."""
@@ -70,7 +70,7 @@ class StepContext:
             return held
         i = held.index
         v = (held.target - held.y - self.x[i]) / self.h
-        y = np.einsum("kij,kj->ki", held.projector, held.target - self.x[i] - self.base.ahead[i] - self.c * v)
+        y = np.einsum("kij,kj->ki", held.projector, held.target - self.x[i] - self.base.x_offset[i] - self.c * v)
         return replace(held, y=y.astype(held.y.dtype))
 
     @cached_property

@@ -105,7 +105,7 @@ class Closing(Force):
         """b += c (f + K motion); stores the block of -c D - c^2 K."""
         led, v = u, self.elements.vertices[e]
         if moves == 1:
-            led += self.across(e, to.motion)
+            led += self.across(e, to.rhs_displacement)
         ratio = self.ratio(F, led)
         self.scatter(e, c * (ratio * led + F / ti.static(CLOSING) * w), to.b, lo, hi)
         A = sym_scaled_identity(c * c * ratio + c * F / ti.static(CLOSING))

@@ -176,7 +176,7 @@ class CurvatureHysteresis:
         and secants that products need."""
         e_1, e_2 = self.edges(e, self.model.x)
         F, sizes = self.frame(e, e_1, e_2)
-        d_1, d_2 = self.edges(e, to.motion)
+        d_1, d_2 = self.edges(e, to.rhs_displacement)
         w, g = self.turn(e_1, e_2, F, sizes, moves * d_1, moves * d_2)
         pull, T, S, energy = self.respond(e, q + moved, w, g, F, sizes)
         self.press(e, e_1, e_2, F, sizes, c * T, c * S, to.b, lo, hi)

@@ -124,7 +124,7 @@ class CurvatureLaw(CurvatureForce):
         """b += c (f + K motion); keeps the factors of -c D - c^2 K. They have no negative part of damping as an energy."""
         r, moved, k = self.pull(e, q, over), q * 0, self.stiffness(e, q)
         if moves == 1:
-            moved = self.second(e, to.motion)
+            moved = self.second(e, to.rhs_displacement)
             for m, d in ti.static(ti.ndrange(3, 3)):
                 r[m, d] += k[m] * moved[m, d]
         if ti.static(self.remembers):

@@ -309,7 +309,7 @@ class Gas(Force, Checkpointed):
                 i, j, w = self.part[o][0], self.part[o][1], self.weight[o]
                 f = p * self.g[j]
                 if moves == 1:
-                    f += lasting * self.second(j, self.at, to.motion) - s * change * self.g[j]
+                    f += lasting * self.second(j, self.at, to.rhs_displacement) - s * change * self.g[j]
                 to.b[i] = to.b[i] + c * w * f
                 to.P[i] = to.P[i] + c * c * s * w * w * sym_outer(self.g[j])
 

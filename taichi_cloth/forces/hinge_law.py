@@ -117,7 +117,7 @@ class HingeLaw(HingeForce):
         """b += c (f + K motion); stores the block of -c D - c^2 K."""
         k, k_d = self.rest[e][0], self.rest[e][1]
         s, pull = k * C + k_d * C_dot, k * C
-        m_e, m_a, m_b = self.arms(e, to.motion)
+        m_e, m_a, m_b = self.arms(e, to.rhs_displacement)
         if moves == 1:
             s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))
             self.before[e] = C  # where the step starts

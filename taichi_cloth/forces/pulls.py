@@ -161,8 +161,8 @@ class Pulls(Force):
             led = self.model.x[i]
             bounded = moves == 1 and ti.static(not self.exact)
             if bounded:
-                led += to.motion[i]
-                bounded = to.motion[i].dot(led - self.place[i]) <= 0
+                led += to.rhs_displacement[i]
+                bounded = to.rhs_displacement[i].dot(led - self.place[i]) <= 0
             T, d, ratio = self.pull(i, led)
             b = -c * ratio * (led - self.place[i])
             A = sym_scaled_identity(c * c * ratio)
@@ -170,7 +170,7 @@ class Pulls(Force):
                 if ratio < self.law[i][0]:
                     A -= c * c * ratio * sym_outer((led - self.place[i]) / d)
                 if moves == 1:
-                    b -= sym_times(A, to.motion[i]) / c
+                    b -= sym_times(A, to.rhs_displacement[i]) / c
             to.b[i] = to.b[i] + b
             to.P[i] = to.P[i] + A
         self.A[i] = A

@@ -183,7 +183,7 @@ class TriangleLaw(TriangleForce):
         g_u, g_v = self.gradient(e, w_u, w_v, u, v, s)
         uu, uv, vv = self.stiffness(e, w_u, w_v, u, v, s, over, whole)
         if moves == 1:
-            m_u, m_v = self.spread(e, to.motion)
+            m_u, m_v = self.spread(e, to.rhs_displacement)
             g_u += sym_times(uu, m_u) + uv @ m_v
             g_v += uv.transpose() @ m_u + sym_times(vv, m_v)
         scale = c * self.area[e]

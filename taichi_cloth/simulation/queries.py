@@ -121,9 +121,9 @@ class Queries(Parts):
         """(n, 3) [N] that seams put on vertices in the last step or solve; they add up to 0 on vertices that are sewn
         together."""
         system = self._system()
-        if self.model.sewn is None or not system.span:  # nothing sewn, nothing solved
+        if self.model.sewn is None or not system.dt_coefficient:  # nothing sewn, nothing solved
             return np.zeros((self.vertex_count, 3))
-        return self.model.to_user(system.tension() / system.span)
+        return self.model.to_user(system.tension() / system.dt_coefficient)
 
     def seam_gaps(self) -> np.ndarray:
         """(seams,) [m] the widest gap between the two sides of each seam, in the order of `Scene.seams`."""
@@ -151,7 +151,7 @@ class Queries(Parts):
         if self.stitch_failure is None:
             return []
         stitches = self.stitch_failure.stitches
-        return np.split(stitches.loads(system.tension() / system.span), stitches.first[1:-1])
+        return np.split(stitches.loads(system.tension() / system.dt_coefficient), stitches.first[1:-1])
 
     def stitches_open(self) -> list[np.ndarray]:
         """For each of `Scene.seams`, (k,) whether each of its stitches has given or was opened."""
@@ -212,9 +212,9 @@ class Queries(Parts):
         system = self._system()
         self.prescribed.set_time(self.time + h)
         self.model.save()
-        system.operator.set_motion(h)
+        system.operator.set_rhs_displacement(h)
         if held is not None:
-            system.operator.alter_motion(held.index, held.y)
+            system.operator.correct_rhs_displacement(held.index, held.y)
         system.linearize(h, moves=True)
         self.integrator.reset()
         return system

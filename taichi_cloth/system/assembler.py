@@ -155,7 +155,7 @@ class Assembler:
             self._over = over
             write(self.model.over, np.array([over], dtype=self.model.exchange))
         for force in self._prepared:
-            force.prepare(self.operator.motion if moves else None)
+            force.prepare(self.operator.rhs_displacement if moves else None)
         self._evaluate(linearizes, moves, c, self._report.rows)
         sums, peaks = self._report.columns()
         energies: dict[str, float] = {}

@@ -14,12 +14,12 @@ class Base:
 
     Attributes:
         h: size of the step; c: the effective step of the formula [s].
-        ahead: (n, 3) x_base less the saved positions [m]; v: (n, 3) v_base [m/s].
+        x_offset: (n, 3) x_base less the saved positions [m]; v: (n, 3) v_base [m/s].
         guess: (n, 3) velocities [m/s] of the end, where the first solve is linearized.
     """
 
     h: float
     c: float
-    ahead: np.ndarray
+    x_offset: np.ndarray
     v: np.ndarray
     guess: np.ndarray

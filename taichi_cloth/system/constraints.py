@@ -88,7 +88,7 @@ class Filter:
         ti.loop_config(serialize=self.model.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
-            z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h - self.model.v[i]
+            z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.x_offset[i]) / h - self.model.v[i]
             self.dv[i] = self.dv[i] + project(projector, k, z - self.dv[i])
 
     @ti.kernel

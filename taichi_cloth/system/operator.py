@@ -18,7 +18,7 @@ class Operator:
     Attributes:
         forces: those with a derivative.
         b: right-hand side [kg m/s].
-        motion: h v_0 + y [m], the displacement that K is applied to on the right-hand side.
+        rhs_displacement: h v_0 + y [m], the displacement that K is applied to on the right-hand side.
         P: (n, 6) diagonal blocks xx xy xz yy yz zz [kg].
     """
 
@@ -30,24 +30,24 @@ class Operator:
         self._gathered = [] if self.blocks.serial else [force for force in self.low_rank if force.does("gather")]
         for force in forces:
             force.build_stiffness()
-        self.b, self.motion = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.b, self.rhs_displacement = fields.real(model.n, 3), fields.real(model.n, 3)
         self.P = fields.real(model.n, 6)
 
     @ti.kernel
-    def set_motion(self, c: float):
-        """motion = x_base + c v_base - x_saved"""
+    def set_rhs_displacement(self, c: float):
+        """rhs_displacement = x_base + c v_base - x_saved"""
         ti.loop_config(serialize=self.blocks.serial)
         for i in range(self.model.rows()):
-            self.motion[i] = self.model.ahead[i] + c * self.model.v_base[i]
+            self.rhs_displacement[i] = self.model.x_offset[i] + c * self.model.v_base[i]
 
     @ti.kernel
-    def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
-        """motion += y (k, 3) [m] on particles index (k,)"""
+    def correct_rhs_displacement(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
+        """rhs_displacement += y (k, 3) [m] on particles index (k,)"""
         ti.loop_config(serialize=self.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
             shift = ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float), ti.cast(y[k, 2], float)])
-            self.motion[i] = self.motion[i] + shift
+            self.rhs_displacement[i] = self.rhs_displacement[i] + shift
 
     @ti.func
     def product(self, block, p: ti.template(), q: ti.template()):

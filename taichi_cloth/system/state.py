@@ -151,7 +151,7 @@ class ParticleState:
         user: (n,) the user's vertex of each particle.
         sewn: clusters of particles that are sewn together, or None.
         v_base: velocity [m/s] that a step or stage starts from, the saved one unless a method sets another.
-        ahead: predictor offset [m]: the position that it starts from, less the saved one.
+        x_offset: predictor offset [m]: the position that it starts from, less the saved one.
         over: span [s] of a step over which damping is an energy of it; 0 where damping goes by velocities.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
@@ -186,7 +186,7 @@ class ParticleState:
         self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)
         self.v = fields.real(self.n, 3, self.start_velocities[self.user])
         self.m = fields.real(self.n, data=self.mass)
-        self.x_saved, self.v_saved, self.v_base, self.ahead = (fields.real(self.n, 3) for _ in range(4))
+        self.x_saved, self.v_saved, self.v_base, self.x_offset = (fields.real(self.n, 3) for _ in range(4))
         self.over = fields.real(1, data=np.zeros(1))
 
     def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
@@ -300,7 +300,7 @@ class ParticleState:
             self.x_saved[i] = self.x[i]
             self.v_saved[i] = self.v[i]
             self.v_base[i] = self.v[i]
-            self.ahead[i] = ti.Vector.zero(float, 3)
+            self.x_offset[i] = ti.Vector.zero(float, 3)
 
     @ti.kernel
     def _restore(self):
@@ -309,7 +309,7 @@ class ParticleState:
             self.x[i] = self.x_saved[i]
             self.v[i] = self.v_saved[i]
             self.v_base[i] = self.v_saved[i]
-            self.ahead[i] = ti.Vector.zero(float, 3)
+            self.x_offset[i] = ti.Vector.zero(float, 3)
 
 
 def _reals(field) -> np.ndarray:

@@ -34,7 +34,7 @@ class StitchFailure:
         system = self.integrator.system
         given = np.zeros(len(self.stitches.whole), dtype=bool)
         if self.stitches.gives:
-            given = self.stitches.overloaded(system.tension() / system.span)
+            given = self.stitches.overloaded(system.tension() / system.dt_coefficient)
         if self.tears is not None:
             given[self.tears.overloaded(system.held)] = True
         if not given.any():

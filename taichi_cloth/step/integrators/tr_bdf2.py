@@ -359,7 +359,7 @@ class TRBDF2(Checkpointed):
                        + ti.static(E_1) * self.model.v[i])
             a_1 = (self.model.v[i] - self.v_p[i]) / (ti.static(C) * h)
             e_v = h * (ti.static(E_0) * self.a_0[i] + ti.static(E_GAMMA) * self.a_g[i] + ti.static(E_1) * a_1)
-            self.system.operator.motion[i] = e_x
+            self.system.operator.rhs_displacement[i] = e_x
             self.model.v_base[i] = self.v_p[i] + e_v
 
     @ti.kernel
@@ -367,7 +367,7 @@ class TRBDF2(Checkpointed):
         """Held directions have no error, also where they begin to move at a speed."""
         for k in range(index.shape[0]):
             i = index[k]
-            self.system.operator.motion[i] -= project(projector, k, self.system.operator.motion[i])
+            self.system.operator.rhs_displacement[i] -= project(projector, k, self.system.operator.rhs_displacement[i])
 
     @ti.kernel
     def _error_square(self, c: float) -> float:
@@ -376,7 +376,7 @@ class TRBDF2(Checkpointed):
         for piece in range(self.blocks.pieces):
             total = ti.cast(0, self.sums.dtype)
             for i in range(self.blocks.first(piece), self.blocks.first(piece + 1)):
-                total += (self.system.operator.motion[i] + c * self.system.solver.dv[i]).norm_sqr()
+                total += (self.system.operator.rhs_displacement[i] + c * self.system.solver.dv[i]).norm_sqr()
             self.sums.of_piece[piece] = total
         self.sums.finish(1)
         return self.sums.all[0]

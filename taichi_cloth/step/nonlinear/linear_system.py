@@ -32,7 +32,7 @@ class System:
     Attributes:
         contacts: `contact.contacts.Contacts`, or None.
         held: of the last solve.
-        span: c [s] that it was linearized with.
+        dt_coefficient: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
         definite: whether terms that may be indefinite are left out of every linearization; stays_definite: whether they are,
             once a matrix was indefinite.
@@ -58,7 +58,7 @@ class System:
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
         self.base: Base | None = None
-        self.span, self.leads = 0.0, False
+        self.dt_coefficient, self.leads = 0.0, False
         self.gave, self.fragile = False, any(force.time_dependent_energy for force in forces)
         self._kept: np.ndarray | None = None
         self._kept_tension: np.ndarray | None = None
@@ -79,16 +79,16 @@ class System:
         """The model goes back to where the attempt at a step started."""
         self.model.restore()
         if self.base is not None:
-            ahead, v, guess = (kernel_array(a, self.model.exchange) for a in (self.base.ahead, self.base.v, self.base.guess))
-            self._start_from(ahead, v, guess)
+            base = self.base.x_offset, self.base.v, self.base.guess
+            self._start_from(*(kernel_array(a, self.model.exchange) for a in base))
 
     @ti.kernel
-    def _start_from(self, ahead: ti.types.ndarray(), v: ti.types.ndarray(), guess: ti.types.ndarray()):
+    def _start_from(self, x_offset: ti.types.ndarray(), v: ti.types.ndarray(), guess: ti.types.ndarray()):
         """v_base, x_base; v is the guess"""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             for c in ti.static(range(3)):
-                self.model.ahead[i][c] = ahead[i, c]
+                self.model.x_offset[i][c] = x_offset[i, c]
                 self.model.v_base[i][c] = v[i, c]
                 self.model.v[i][c] = guess[i, c]
 
@@ -99,7 +99,7 @@ class System:
             together: whether layers of cloth are part of the problem.
         """
         x, v = self.model.read_saved()
-        self.operator.set_motion(c)
+        self.operator.set_rhs_displacement(c)
         if self.base is not None:
             self.solver.dv.fill(0)
             self.add_guess(1.0)
@@ -112,20 +112,20 @@ class System:
     def linearize_first(self, c: float, held: Held | None) -> Measures:
         """The system of a step's first solve, with the alterations of held particles: (18), from the saved state. With a
         base it is linearized at the base's guess, x = x_base + c v + y."""
-        self.operator.set_motion(c)
+        self.operator.set_rhs_displacement(c)
         if self.contacts is not None and held is not None:
-            self.operator.alter_motion(held.index, held.y)
+            self.operator.correct_rhs_displacement(held.index, held.y)
         if self.base is not None:
             self._go_to_guess(c)
         return self.linearize(c, moves=self.base is None)
 
     @ti.kernel
     def _go_to_guess(self, c: float):
-        """x = x_0 + motion + c (v - v_base)"""
+        """x = x_0 + rhs_displacement + c (v - v_base)"""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
-            ahead = self.operator.motion[i] + c * (self.model.v[i] - self.model.v_base[i])
-            self.model.x[i] = self.model.x_saved[i] + ahead
+            moved = self.operator.rhs_displacement[i] + c * (self.model.v[i] - self.model.v_base[i])
+            self.model.x[i] = self.model.x_saved[i] + moved
 
     @ti.kernel
     def add_guess(self, sign: float):
@@ -135,8 +135,8 @@ class System:
             self.solver.dv[i] = self.solver.dv[i] + sign * (self.model.v[i] - self.model.v_base[i])
 
     def linearize(self, c: float, moves: bool = False, over: float = 0.0) -> Measures:
-        """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
-        self.span, self._moves, self._over = c, moves, over
+        """A and b at the model's state, with `moves` b with K `rhs_displacement`; see `Assembler`."""
+        self.dt_coefficient, self._moves, self._over = c, moves, over
         self._leave_out(self.definite)
         return self.meter.linearize(c, moves, over)
 
@@ -226,7 +226,7 @@ class System:
         elif held is not None and lead > 0:
             self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
-            self.preconditioner.make(self.span, held, lasting)
+            self.preconditioner.make(self.dt_coefficient, held, lasting)
         falls = held is None and not warm and sewn is None and not self.pulled
         solution = self.solver.solve(tolerance, falls, warm, zero, least, held is None)
         if solution.status == NOT_FINITE:
@@ -235,7 +235,7 @@ class System:
             self._leave_out(True)
             self.definite = self.stays_definite
             self.preconditioner.forget()  # its levels may be indefinite as well
-            self.meter.linearize(self.span, self._moves, self._over)
+            self.meter.linearize(self.dt_coefficient, self._moves, self._over)
             return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
         if fresh and counts and not warm:
             self.preconditioner.count_iterations(solution.iterations)
@@ -245,7 +245,7 @@ class System:
         """(n, 3) force [N] in particle order that keeps the held directions, by the last solve."""
         force = np.zeros((self.model.n, 3))
         if self.held is not None:
-            force[self.held.index] = self.reaction_rows() / self.span
+            force[self.held.index] = self.reaction_rows() / self.dt_coefficient
         return force
 
     def hold(self, held: Held | None, impulse: np.ndarray) -> None:
@@ -297,8 +297,8 @@ class System:
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
         model = self.model
-        v, x, x_saved, ahead = (self._of(field, held) for field in (model.v, model.x, model.x_saved, model.ahead))
-        return v, (x - x_saved) - ahead - h * v
+        v, x, x_saved, x_offset = (self._of(field, held) for field in (model.v, model.x, model.x_saved, model.x_offset))
+        return v, (x - x_saved) - x_offset - h * v
 
     @staticmethod
     def _of(field, held: Held) -> np.ndarray:
@@ -329,11 +329,11 @@ class System:
 
     @ti.kernel
     def place(self, h: float, part: float):
-        """x = x_0 + part (motion + h dv), motion = x_base - x_0 + h v_base + y; and v such that x = x_base + h v, y apart"""
+        """x = x_0 + part (r + h dv), r = `rhs_displacement` = x_base - x_0 + h v_base + y; and v such that x = x_base + h v, y apart"""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
-            self.model.v[i] = part * (self.model.v_base[i] + self.solver.dv[i]) - (1 - part) / h * self.model.ahead[i]
-            self.model.x[i] = self.model.x_saved[i] + part * (self.operator.motion[i] + h * self.solver.dv[i])
+            self.model.v[i] = part * (self.model.v_base[i] + self.solver.dv[i]) - (1 - part) / h * self.model.x_offset[i]
+            self.model.x[i] = self.model.x_saved[i] + part * (self.operator.rhs_displacement[i] + h * self.solver.dv[i])
 
     @ti.kernel
     def shift(self, c: float, part: float):
