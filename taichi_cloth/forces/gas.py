@@ -300,16 +300,16 @@ class Gas(Force, Checkpointed):
             row = k * self.model.blocks.count + block
             p, s = ti.cast(self.state[k][3], float), ti.cast(self.state[k][4], float)
             change = ti.cast(self.state[k][2], float)
-            lasting = ti.select(s > 0 or self.left_out[0] == 1, 0.0, p)  # 0 if p changes in the solve, or if indefinite
+            fixed_p = ti.select(s > 0 or self.left_out[0] == 1, 0.0, p)  # 0 if p changes in the solve, or if indefinite
             if block == 0:
-                self.taken[k] = ti.Vector([c * c * lasting, c * c * s])
+                self.taken[k] = ti.Vector([c * c * fixed_p, c * c * s])
             for j in range(self.share[row], self.share[row + 1]):
                 self.x_l[j], self.g_l[j] = self.at[j], self.g[j]
             for o in range(self.own[row], self.own[row + 1]):
                 i, j, w = self.part[o][0], self.part[o][1], self.weight[o]
                 f = p * self.g[j]
                 if moves == 1:
-                    f += lasting * self.second(j, self.at, to.rhs_displacement) - s * change * self.g[j]
+                    f += fixed_p * self.second(j, self.at, to.rhs_displacement) - s * change * self.g[j]
                 to.b[i] = to.b[i] + c * w * f
                 to.P[i] = to.P[i] + c * c * s * w * w * sym_outer(self.g[j])
 

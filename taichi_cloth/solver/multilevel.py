@@ -123,13 +123,13 @@ class Multilevel(Checkpointed):
             faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
             self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces, tell)
 
-    def make(self, c: float, held: Held | None, lasting: bool = False) -> None:
+    def make(self, c: float, held: Held | None, reuse_levels: bool = False) -> None:
         """Prepares for the system A = M - c D - c^2 K as it is linearized.
 
         Args:
             c: effective step [s].
             held: the held directions.
-            lasting: whether levels of an earlier system may serve until they have aged.
+            reuse_levels: whether levels of an earlier system may serve until they have aged.
         """
         self.jacobi.make(c, held)
         if self.has_contact:
@@ -137,7 +137,7 @@ class Multilevel(Checkpointed):
         if self.coarsest is not None:
             self.coarsest.make(c, self.T if self.has_contact else None)
         made_for = np.append(self._held_numbers(held), np.float32(c))  # without its last digits
-        anew = not (lasting and self.age.allows(made_for, self._others()))
+        anew = not (reuse_levels and self.age.allows(made_for, self._others()))
         if anew:
             self.age.begin(made_for)
         if anew or self.has_contact:

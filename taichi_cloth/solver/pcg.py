@@ -79,7 +79,7 @@ class PCG(Recurrences):
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
 
     def solve(self, tolerance: float, free: bool = False, warm: bool = False, zero: bool = False,
-              least: float = 0.0, loose: bool = False) -> Solution:
+              least_reference: float = 0.0, loose: bool = False) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As.
 
         Args:
@@ -88,14 +88,15 @@ class PCG(Recurrences):
                 cloth falls freely.
             warm: dv is the answer of nearly the same system instead of z, and the reference is that of its solve.
             zero: starts from dv = 0, whatever is in place.
-            least: residual norm that the tolerance is relative to where its own is less.
+            least_reference: residual norm that the tolerance is relative to where its own is less.
             loose: nothing is held, though seams may be closing: the total momentum is made exact, where `balanced`.
         """
         solve = self._together if self.together else self._apart
-        ended = solve(tolerance, self.reference if warm else 0.0, least, int(zero), 0 if free else self.max_iterations)
+        ended = solve(tolerance, self.reference if warm else 0.0, least_reference, int(zero),
+                      0 if free else self.max_iterations)
         if free and float(ended[3]) > 0:
             self._translate()
-            ended = solve(tolerance, float(ended[3]), least, 0, self.max_iterations)
+            ended = solve(tolerance, float(ended[3]), least_reference, 0, self.max_iterations)
         if loose and self.balanced:
             self._balance()
         state, done = int(ended[0]), int(ended[1])
@@ -119,11 +120,11 @@ class PCG(Recurrences):
         """(iterations,) filtered residual norms of the last solve, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
-    def _apart(self, tolerance: float, reference: float, least: float, zero: int, most: int) -> tuple:
+    def _apart(self, tolerance: float, reference: float, least_reference: float, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
         norm, size, square = self._restart(zero, 1)
         first = reference if reference > 0 else norm
-        first = max(first, least) if least > 0 else first  # indefinite ones are negative
+        first = max(first, least_reference) if least_reference > 0 else first  # indefinite ones are negative
         state, done = DONE, 0
         for _ in range(RESTARTS):
             if not norm > SLACK * tolerance * first:  # also where norm is NaN
@@ -234,7 +235,7 @@ class PCG(Recurrences):
         return ti.Vector([self.count[STATE], self.count[DID]])
 
     @ti.kernel
-    def _together(self, tolerance: ti.f64, reference: ti.f64, least: ti.f64, zero: int,
+    def _together(self, tolerance: ti.f64, reference: ti.f64, least_reference: ti.f64, zero: int,
                   most: int) -> ti.types.vector(6, ti.f64):
         """`_apart` in one launch, by a phase scheduler."""
         self.phases.start(COPY)
@@ -249,7 +250,7 @@ class PCG(Recurrences):
                         if block >= 0:
                             self.work(kind, block, zero)
                             if self.phases.last(phase):
-                                self.phases.turn(self.after(kind, tolerance, reference, least, most))
+                                self.phases.turn(self.after(kind, tolerance, reference, least_reference, most))
         return ti.Vector([ti.cast(self.count[STATE], ti.f64), ti.cast(self.count[DID], ti.f64), self.norm[LAST],
                           self.norm[FIRST], self.scalar[3], self.scalar[4]])
 
@@ -282,7 +283,7 @@ class PCG(Recurrences):
                     self.preconditioner.solve_block(block)
 
     @ti.func
-    def after(self, kind, tolerance, reference, least, most):
+    def after(self, kind, tolerance, reference, least_reference, most):
         """The kind of phase that follows."""
         following = MULTIPLY
         if kind == MULTIPLY:
@@ -306,14 +307,14 @@ class PCG(Recurrences):
         elif kind == PROLONG:
             following = CORRECT
         elif kind != COPY and kind != SUM_UP:
-            following = self.decide(tolerance, reference, least, most)
+            following = self.decide(tolerance, reference, least_reference, most)
         if ti.static(self.operator.has_low_rank):
             if following == MULTIPLY and kind != SUM_UP:
                 following = SUM_UP
         return following
 
     @ti.func
-    def decide(self, tolerance, reference, least, most):
+    def decide(self, tolerance, reference, least_reference, most):
         """The next phase of a phase scheduler after a residual or an iteration."""
         following = MULTIPLY
         if self.count[STAGE] == ITERATE:
@@ -334,8 +335,8 @@ class PCG(Recurrences):
                 first = norm
                 if reference > 0:
                     first = reference
-                if least > 0:
-                    first = ti.max(first, least)
+                if least_reference > 0:
+                    first = ti.max(first, least_reference)
             going = self.count[ROUND] < RESTARTS and norm > SLACK * tolerance * first and self.count[DID] < most
             if stage == CHECK and (self.count[STATE] != DONE or norm > FUTILE * self.norm[LAST]):
                 going = False

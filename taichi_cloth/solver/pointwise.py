@@ -39,7 +39,7 @@ class Pointwise(Checkpointed):
             P = sym_scaled_identity(self.operator.model.m[i])
         return P
 
-    def make(self, c: float, held: Held | None, lasting: bool = False) -> None:
+    def make(self, c: float, held: Held | None, reuse_levels: bool = False) -> None:
         """Prepares for the system A = M - c D - c^2 K as it is linearized, c the effective step [s]. Nothing here lasts."""
         if held is None:
             self.build(np.zeros(0, dtype=np.int32))

@@ -125,8 +125,8 @@ class Stepper(Checkpointed):
                 troubles.append(self.locator.find(rejection or "", h, attempt.detail, attempt.place, held_at(t, h)))
             passes = rejection is None or (not control.adaptive and attempt.measures is not None
                                            and attempt.measures.finite)
-            if passes and self.stitch_failure is not None and self.stitch_failure.gives():
-                self.start = self._measured(t)  # a stitch broke: again with it open, from the start that `gives` restored
+            if passes and self.stitch_failure is not None and self.stitch_failure.open_overloaded():
+                self.start = self._measured(t)  # a stitch broke: again with it open, from the start, which is restored
                 continue
             if passes:
                 seconds |= {"total": time.perf_counter() - began, "compiling": compiling.seconds - compiled}

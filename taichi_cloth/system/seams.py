@@ -124,19 +124,19 @@ class Clusters:
             out = first + rest / (hi - lo)
         return out
 
-    def lead(self, dv, h: float, zero: bool, again: bool) -> bool:
+    def lead(self, dv, h: float, zero: bool, moved: bool) -> bool:
         """Whether anything is apart; if so, dv becomes S dv + z (S dv = 0 with `zero`).
 
         Args:
-            again: the model is no longer at the start of the step: x + h dv is where it goes, and not x + h (v + dv).
+            moved: the model is no longer at the start of the step: x + h dv is where it goes, and not x + h (v + dv).
         """
         self.led = self.open
         if self.led:
-            self._lead(dv, h, int(zero), int(again))
+            self._lead(dv, h, int(zero), int(moved))
         return self.led
 
     @ti.kernel
-    def _lead(self, dv: ti.template(), h: float, zero: int, again: int):
+    def _lead(self, dv: ti.template(), h: float, zero: int, moved: int):
         """dv = S dv + z. z changes the members' velocities against their mean, so that the gap at the start of the step is
         closed in h, or as much of it as CLOSING allows."""
         for k in range(self.size[0]):
@@ -150,7 +150,7 @@ class Clusters:
             for j in range(lo, hi):
                 i = self.members[j]
                 dv[i] = change + (kept * (self.model.x_saved[i] - began) - (self.model.x[i] - x)) / h
-                if again == 0:
+                if moved == 0:
                     dv[i] -= self.model.v[i] - v
 
     @ti.func

@@ -43,7 +43,7 @@ class Stitches(Checkpointed):
         self.seam = np.repeat(np.arange(len(count)), count)
         self.first = np.cumsum([0, *count])
         self.bears = np.concatenate([s.bears for s in scene.seams])
-        self.gives = bool(np.isfinite(self.bears).any())
+        self.breakable = bool(np.isfinite(self.bears).any())
         self._draws = np.concatenate([s.pulls for s in scene.seams]) > 0
         self.pulled = self._draws & (self._gaps() > CATCH)
         self.whole, self.firm = ~self.pulled, 1.0

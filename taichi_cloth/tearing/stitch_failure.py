@@ -22,43 +22,43 @@ class StitchFailure:
     def __init__(self, stitches: Stitches, integrator, meter, contacts, tears=None) -> None:
         self.stitches, self.integrator, self.meter, self.contacts = stitches, integrator, meter, contacts
         self.tears = tears
-        integrator.system.fragile |= stitches.gives or tears is not None
+        integrator.system.fragile |= stitches.breakable or tears is not None
         self.before: np.ndarray = stitches.whole  # at the start of a step in which something gave
         self.torn = 0.0  # J lost with stitches that failed in this step
 
-    def gives(self) -> bool:
+    def open_overloaded(self) -> bool:
         """Whether the attempt in the model overloads anything: then that is opened, and the model is back at the
         step's start."""
-        if not (self.stitches.gives or self.tears is not None):
+        if not (self.stitches.breakable or self.tears is not None):
             return False
         system = self.integrator.system
         given = np.zeros(len(self.stitches.whole), dtype=bool)
-        if self.stitches.gives:
+        if self.stitches.breakable:
             given = self.stitches.overloaded(system.tension() / system.dt_coefficient)
         if self.tears is not None:
             given[self.tears.overloaded(system.held)] = True
         if not given.any():
             return False
-        if not system.gave:
+        if not system.stitches_failed:
             self.before = self.stitches.whole
-        system.gave = True
+        system.stitches_failed = True
         self.stitches.model.restore()
         self.torn += self._set(self.stitches.whole & ~given)
         return True
 
     def take_back(self) -> bool:
         """Closes the stitches that failed in a step to be tried smaller. Whether any had; the model is at the step's start."""
-        changed = self.integrator.system.gave
+        changed = self.integrator.system.stitches_failed
         if changed:
             self._set(self.before)
-        self.torn, self.integrator.system.gave = 0.0, False
+        self.torn, self.integrator.system.stitches_failed = 0.0, False
         return changed
 
     def commit(self) -> tuple[float, int, int]:
         """The step was accepted: (energy [J] lost with failed stitches, stitches that are open, crossings of cloth with cloth
         among the sides of seams that have opened or are not closed yet)."""
         torn, tangled = self.torn, 0
-        self.torn, self.integrator.system.gave = 0.0, False
+        self.torn, self.integrator.system.stitches_failed = 0.0, False
         if self.contacts is not None and self.contacts.layers is not None:
             self.contacts.layers.part(self.stitches.whole | self.stitches.pulled)
             tangled = self.contacts.layers.tangled(self.stitches.parted)

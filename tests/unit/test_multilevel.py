@@ -217,7 +217,7 @@ def test_levels_do_not_last_where_much_of_what_was_held_comes_free():
                 if some is not held:
                     levels.forget()
                 levels.make(1 / 60, Held.of(some, np.tile(np.eye(3), (k, 1, 1)), np.zeros((k, 3)), False, np.zeros((k, 3)),
-                                            sim.model.exchange), lasting=True)
+                                            sim.model.exchange), reuse_levels=True)
             return len(summed) == 1
 
         assert sim.model.n * 0.02 > 10

@@ -53,7 +53,7 @@ class Safe(Checkpointed):
         self.largest, self.tried = max(self.largest, h), h
         made, reason = None, TOUCH
         sewn = self.model.sewn
-        if not (self.touching or self.system.gave or (sewn is not None and (sewn.open or sewn.pulled))):
+        if not (self.touching or self.system.stitches_failed or (sewn is not None and (sewn.open or sewn.pulled))):
             self.last, self.fresh = self.accurate, False
             made = self.accurate.attempt(h, held_at, start)
             reason = made.rejection or ""

@@ -170,8 +170,8 @@ class TRBDF2(Checkpointed):
         if ledger is None or measures is None or made.rejection not in (None, ENERGY) or self.options.cg_tol is not None:
             return made
         spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, measures)
-        gives = not self.stiffens_sharply and ledger.unaccounted > LEFT * self._energy_scale(h) + spare
-        if not (gives or (made.rejection is None and -ledger.unaccounted > LEFT * self.motion_1 + spare)):
+        gains = not self.stiffens_sharply and ledger.unaccounted > LEFT * self._energy_scale(h) + spare
+        if not (gains or (made.rejection is None and -ledger.unaccounted > LEFT * self.motion_1 + spare)):
             return made
         self.model.restore()
         part = effort.part if self.stiffens_sharply else FURTHER * effort.part

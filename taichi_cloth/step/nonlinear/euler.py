@@ -57,7 +57,7 @@ class EulerStep(StepProblem):
         self.changes = ConvergenceRate()
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
-        self.resort: Callable[[], Outcome] | None = None  # goes back to it, where too much of that is unaccounted for
+        self.fallback: Callable[[], Outcome] | None = None  # goes back to it, where too much of that is unaccounted for
 
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`. The first Newton step places the model at its end."""
@@ -84,8 +84,8 @@ class EulerStep(StepProblem):
             warm = not fresh or len(self.solutions) > 0
             if system.base is not None and warm:
                 system.add_guess(-1.0)
-            solution = system.solve(tolerance or self.forcing.first, held, h, warm=warm, fresh=fresh, lasting=True,
-                                    counts=tolerance is None)
+            solution = system.solve(tolerance or self.forcing.first, held, h, warm=warm, fresh=fresh, reuse_levels=True,
+                                    track_iterations=tolerance is None)
             self.solutions.append(replace(solution, preliminary=tolerance is not None))
             if system.base is not None:
                 system.add_guess(1.0)
@@ -105,7 +105,7 @@ class EulerStep(StepProblem):
             if self.forcing.follows:
                 tolerance = self.forcing.next(self.system.imbalance(self.held))
             fresh = self.system.base is None  # else close by: the first solve's preconditioner will do
-            self.solutions.append(self.system.solve(tolerance, self.held, fresh=fresh, lasting=True, again=True))
+            self.solutions.append(self.system.solve(tolerance, self.held, fresh=fresh, reuse_levels=True, moved=True))
         self.level = self.potential(self.before)
         return self.unsolved()
 
@@ -141,7 +141,7 @@ class EulerStep(StepProblem):
                     ended = self.energy.conclude(self.c, self.held, self.start, measures, LIGHT, fits=self.fits)
                     self.ended = self.accounted(ended)
                     if ended is not None and self.ended is None and self.doubt(*ended) < BEARABLE:
-                        self.resort = self.return_to(ended)
+                        self.fallback = self.fallback_to(ended)
             self.level = self.start.total + self.system.rounding(self.c, self.start, measures)
         # a shorter first step would leave led particles behind, and a guess that is better than standing still
         whole = self.ended is not None or self.system.leads or self.system.base is not None
@@ -161,7 +161,7 @@ class EulerStep(StepProblem):
                                         and self.forcing.enough(self.changes.last / self.effort.moved))
         self.settled = k > 0 and part == 1 and small
         if not self.settled:
-            return self.resort() if self.resort is not None and k == PATIENCE else None
+            return self.fallback() if self.fallback is not None and k == PATIENCE else None
         last = self.effort is not None or len(self.solutions) > self.system.options.newton_max
         with self.clock.part("EVAL"):
             self.system.settle(self.held)
@@ -182,7 +182,7 @@ class EulerStep(StepProblem):
         works on it, or it touches something. In contact, a part of the gain of a step of free fall may be left in any case."""
         doubt = self.doubt(measures, ledger)
         if self.exacting or measures.used > 1:
-            most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
+            most = ACCOUNTED if self.system.stitches_failed or not self.system.fragile else LOOSE
             return doubt <= most
         if not self.touches or doubt <= BEARABLE or self.excused:
             return True
@@ -206,7 +206,7 @@ class EulerStep(StepProblem):
         through = sum(abs(value) for value in asdict(ledger).values()) + STILL * measures.size
         return abs(ledger.unaccounted) / max(through, 1e-300)
 
-    def return_to(self, ended: tuple[Measures, Ledger]) -> Callable[[], Outcome]:
+    def fallback_to(self, ended: tuple[Measures, Ledger]) -> Callable[[], Outcome]:
         """Saves the present state and its reactions; the function returned restores them and accepts the step there."""
         system = self.system
         particles, rows = system.model.read_particles(), system.reaction_rows()
@@ -232,8 +232,8 @@ class EulerStep(StepProblem):
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`."""
-        if self.resort is not None:
-            return self.resort()
+        if self.fallback is not None:
+            return self.fallback()
         name = NEWTON if self.effort is not None and not self.settled else ENERGY
         return Outcome(name, f"{len(self.solutions)} solves", measures)
 

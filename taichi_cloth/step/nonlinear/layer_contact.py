@@ -36,8 +36,8 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
-        rough: whether the first Newton step is unlikely to be the last; preliminary: whether the next one is, and its solve
-            may be rough.
+        more_expected: whether the first Newton step is unlikely to be the last; preliminary: whether the next one is, and its
+            solve may be rough.
         reference: residual norm at the start of the step: tolerances of further solves are relative to no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
@@ -52,7 +52,7 @@ class LayerStep(EulerStep):
             system.predict(h, pins, together=True)
             system.start_over()
         self.agrees = False  # whether contacts with solids do
-        self.rough = self.preliminary = self.contacts.forcing_terms.more_rounds and not self.contacts.hindered
+        self.more_expected = self.preliminary = self.contacts.forcing_terms.more_rounds and not self.contacts.hindered
         self.agreed = self.released = False
         self.part = self.reference = 0.0
 
@@ -86,13 +86,13 @@ class LayerStep(EulerStep):
                 self.before = replace(here, energies={**here.energies, "contact": self.layers.energy})
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            tolerance, least = self.cg_tol * (LOOSER if self.rough and k else 1.0), self.reference
+            tolerance, least_reference = self.cg_tol * (LOOSER if self.more_expected and k else 1.0), self.reference
             if self.agreed:  # all but the energy is right: residuals of solves have made it grow
-                tolerance, least = self.cg_tol, 0.0
+                tolerance, least_reference = self.cg_tol, 0.0
             if self.preliminary and tolerance < ROUGH:
-                tolerance, least = ROUGH, least * tolerance / ROUGH
-            solution = system.solve(tolerance, held, h, z=z, again=k > 0, lasting=True, least=least,
-                                    counts=not self.preliminary)
+                tolerance, least_reference = ROUGH, least_reference * tolerance / ROUGH
+            solution = system.solve(tolerance, held, h, z=z, moved=k > 0, reuse_levels=True, least_reference=least_reference,
+                                    track_iterations=not self.preliminary)
             self.solutions.append(replace(solution, preliminary=self.preliminary))
             self.reference = self.reference or system.solver.reference
             if system.base is not None and k == 0:

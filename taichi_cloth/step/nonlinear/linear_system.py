@@ -36,7 +36,7 @@ class System:
         leads: whether the last solve led something: pins that move, solids, seams that close.
         definite: whether terms that may be indefinite are left out of every linearization; stays_definite: whether they are,
             once a matrix was indefinite.
-        gave: whether stitches gave in this step, which is tried again without them.
+        stitches_failed: whether stitches did in this step, which is tried again without them.
         pulled: whether something may be attached softly.
         fragile: whether single solves can be far off: something may rip or tear, or is blown up.
         resolution: rounding of positions [m].
@@ -59,7 +59,7 @@ class System:
         self.held: Held | None = None
         self.base: Base | None = None
         self.dt_coefficient, self.leads = 0.0, False
-        self.gave, self.fragile = False, any(force.time_dependent_energy for force in forces)
+        self.stitches_failed, self.fragile = False, any(force.time_dependent_energy for force in forces)
         self._kept: np.ndarray | None = None
         self._kept_tension: np.ndarray | None = None
         self.epsilon = runtime.epsilon
@@ -195,8 +195,8 @@ class System:
         self._definite = part
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
-              warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False,
-              again: bool = False, least: float = 0.0, counts: bool = True) -> Solution:
+              warm: bool = False, fresh: bool = True, lead: float = 0.0, reuse_levels: bool = False,
+              moved: bool = False, least_reference: float = 0.0, track_iterations: bool = True) -> Solution:
         """Solves the system as linearized; if it turns out indefinite, without the terms of forces that may be.
 
         Args:
@@ -206,16 +206,16 @@ class System:
             z: (k, 3) dv in them [m/s], instead.
             warm: starts from the last solve's dv.
             lead: span [s] in which positions x + lead dv get to the targets, instead of h.
-            lasting: coarse levels made for an earlier system may do.
-            again: whether the model is no longer at the start of the step of size h.
-            least: residual norm that the tolerance is relative to where the solve's own is less.
-            counts: whether its iterations say how well levels still do.
+            reuse_levels: coarse levels made for an earlier system may do.
+            moved: whether the model is no longer at the start of the step of size h.
+            least_reference: residual norm that the tolerance is relative to where the solve's own is less.
+            track_iterations: whether its iterations say how well levels still do.
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept, self._kept_tension = held, None, None
         self.leads = held is not None and held.moving
         sewn = self.model.sewn if h > 0 else None  # of which something is apart
-        if sewn is not None and not sewn.lead(self.solver.dv, h, not warm, again):
+        if sewn is not None and not sewn.lead(self.solver.dv, h, not warm, moved):
             sewn = None
         self.leads |= sewn is not None
         zero = not warm and sewn is None and (held is None or (z is None and not h > 0 and not lead > 0))
@@ -226,9 +226,9 @@ class System:
         elif held is not None and lead > 0:
             self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
-            self.preconditioner.make(self.dt_coefficient, held, lasting)
+            self.preconditioner.make(self.dt_coefficient, held, reuse_levels)
         falls = held is None and not warm and sewn is None and not self.pulled
-        solution = self.solver.solve(tolerance, falls, warm, zero, least, held is None)
+        solution = self.solver.solve(tolerance, falls, warm, zero, least_reference, held is None)
         if solution.status == NOT_FINITE:
             self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
@@ -236,8 +236,9 @@ class System:
             self.definite = self.stays_definite
             self.preconditioner.forget()  # its levels may be indefinite as well
             self.meter.linearize(self.dt_coefficient, self._moves, self._over)
-            return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
-        if fresh and counts and not warm:
+            return self.solve(tolerance, held, h, z, False, fresh, lead, reuse_levels, moved, least_reference,
+                              track_iterations)
+        if fresh and track_iterations and not warm:
             self.preconditioner.count_iterations(solution.iterations)
         return solution
 
@@ -329,7 +330,7 @@ class System:
 
     @ti.kernel
     def place(self, h: float, part: float):
-        """x = x_0 + part (r + h dv), r = `rhs_displacement` = x_base - x_0 + h v_base + y; and v such that x = x_base + h v, y apart"""
+        """x = x_0 + part (r + h dv), r the operator's `rhs_displacement`; v such that x = x_base + h v, y apart"""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.model.v[i] = part * (self.model.v_base[i] + self.solver.dv[i]) - (1 - part) / h * self.model.x_offset[i]

@@ -116,7 +116,7 @@ class SolvedStep(StepProblem):
             warm = k == 0 and system.base is not None and len(self.solutions) > 0
             if warm:
                 system.add_guess(-1.0)
-            self.solutions.append(system.solve(tolerance, held, h, z, warm, again=k > 0, lasting=True))
+            self.solutions.append(system.solve(tolerance, held, h, z, warm, moved=k > 0, reuse_levels=True))
             if k == 0 and system.base is not None:
                 system.add_guess(1.0)
 
