@@ -31,10 +31,10 @@ def measure(name: str, cells: int, mesh: str, until: float, args: argparse.Names
     times = []
     for _ in range(args.rounds):
         start = time.perf_counter()
-        contacts.scan.detect()
-        if contacts.scan.pairs is not None:
-            contacts.scan.pairs.near.forget()  # as in a step's first look
-        contacts.scan.find_pairs()
+        contacts.detector.detect()
+        if contacts.detector.pairs is not None:
+            contacts.detector.pairs.near.forget()  # as in a step's first look
+        contacts.detector.find_pairs()
         times.append(time.perf_counter() - start)
     row = {"scene": name, "vertices": sim.vertex_count, "contacts": sim.log[-1].contacts,
            "share": total["C-S"] / total["total"], "rounds": float(np.mean([r.solves for r in steps])),

@@ -316,7 +316,7 @@ MUTATIONS = (
      PRELIMINARY),
     (LAYER_STEP, "settled and not self.preliminary,", "settled,", "a step of layers ends with a preliminary solve",
      UNIT + "test_no_step_of_layers_ends_with_a_preliminary_solve"),
-    (LAYER_STEP, "(LOOSER if self.rough and k else 1.0)", "LOOSER", "all solves are looser", PRELIMINARY),
+    (LAYER_STEP, "(LOOSER if self.more_expected and k else 1.0)", "LOOSER", "all solves are looser", PRELIMINARY),
     (LAYER_STEP, "if part < 1:\n                if contacts.start", "if part < 0:\n                if contacts.start",
      "springs let through", SPRINGS),
     (CONTACT + "cloth/springs.py", "ti.max(radius - d, 0.0)", "ti.max(d - radius, 0.0)", "springs pull", SPRINGS),

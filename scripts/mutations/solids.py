@@ -67,7 +67,7 @@ GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resume
 
 MUTATIONS = (
     # forces that are told
-    (FACADE, "self.solids.let_out(self.scan.inside.particles, self.scan.inside.depth)", "pass",
+    (FACADE, "self.solids.let_out(self.detector.inside.particles, self.detector.inside.depth)", "pass",
      "what starts inside blocks steps", LET_OUT),
     (RESPONSE, "out[solid.name] = (-force[mine].sum(axis=0)", "out[solid.name] = (force[mine].sum(axis=0)",
      "loads on solids have the wrong sign", FORCES),
@@ -77,7 +77,7 @@ MUTATIONS = (
      "contact forces have the wrong sign", FORCES),
     (RESPONSE, "held[self.sliding.rows] += self", "held[self.sliding.rows] -= self", "sliding friction is told reversed",
      FORCES),
-    (RESPONSE, "arm = at[mine] - solid.pose(self.scan.time)[1]", "arm = at[mine] - solid.pose(0.0)[1]",
+    (RESPONSE, "arm = at[mine] - solid.pose(self.detector.time)[1]", "arm = at[mine] - solid.pose(0.0)[1]",
      "torques are taken about where solids began", FORCES),
     (POINTS, "return (self.rhs - sym_times(", "return (self.rhs + sym_times(",
      "forces of points: the damping's sign", FORCES),
@@ -100,7 +100,8 @@ MUTATIONS = (
     # holding
     (HOLDING, "projectors[stick] = np.eye(3)", "projectors[~stick] = np.eye(3)",
      "what slides is held and what sticks is free"),
-    (HOLDING, "shifts = lift[:, None] * f.normal", "shifts = -lift[:, None] * f.normal", "contacts pull into the solid"),
+    (HOLDING, "shifts = normal_shift[:, None] * f.normal",
+     "shifts = -normal_shift[:, None] * f.normal", "contacts pull into the solid"),
     (HOLDING, "free = ~np.isin(pinned.index, shared)", "free = np.isin(pinned.index, shared)",
      "pins are lost where cloth touches",
      f"{DRIVES}"),
@@ -108,7 +109,7 @@ MUTATIONS = (
      f"{HARD}::test_in_the_corner_of_two_planes"),
     (RESPONSE, "down = 2 * np.maximum(nearing, 0) + FALL", "down = 0 * np.maximum(nearing, 0) + FALL",
      "fast cloth is not stopped at the surface", SWEPT),
-    (RESPONSE, "PUSH * self.scan.edge * self.start.share", "0 * self.scan.edge * start.share",
+    (RESPONSE, "PUSH * self.detector.edge * self.start.share", "0 * self.detector.edge * start.share",
      "what is inside is not pushed out", f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
     (RESPONSE, "active = (known | (f.gap < 0))", "active = (known & (f.gap < 0))", "new contacts are not taken up"),
     (RESPONSE, " & ~self.pinned[f.index]", "", "solids are said to hold what pins hold", PINS),
@@ -219,7 +220,7 @@ MUTATIONS = (
      "pairs hold what crosses where it is", ACROSS),
     (DEPTH, "self._minded(crossed[self.across[crossed].sum(axis=1) < 2])", "self._minded(crossed)",
      "edges without pairs may not cross", ACROSS),
-    (DEPTH, "self.scan.thickness_ramp.add(back.vertices, self.scan.part_of(back))", "pass",
+    (DEPTH, "self.detector.thickness_ramp.add(back.vertices, self.detector.part_of(back))", "pass",
      "pairs that come back have all of their thickness", ACROSS),
     (PAIRS, "(now < LEAST), now < LOST", "(now < LEAST), now < -LOST", "how near edges may come is not minded", DRIVES),
     (PAIRS, "was - CREEP)) | (now < LEAST)", "was - CREEP))",
@@ -287,7 +288,7 @@ MUTATIONS = (
     (SCAN, "self.tree.friction[triangle], mu)", "mu, mu)", "all parts have the solid's friction", PARTS),
     (TREE, "np.concatenate(friction)[order]", "np.concatenate(friction)", "parts' friction in the file's order", PARTS),
     # where solids close
-    (PINCH, "out, inside = self.scan.faces, new.cosine < FACING,", "out, inside = self.scan.faces, new.cosine < 2,",
+    (PINCH, "out, inside = self.detector.faces, new.cosine < FACING,", "out, inside = self.detector.faces, new.cosine < 2,",
      "any corner pinches", ALONG),
     (PINCH, "wanted = (2 * share - 1)", "wanted = (1 - 2 * share)", "layers that are pinched change places", PLATES),
     (PINCH, "np.clip((wanted - (height[0] - height[1])) / size, -most, most)", "(wanted - (height[0] - height[1])) / size",
@@ -327,7 +328,7 @@ MUTATIONS = (
     (SIDES, "ti.abs(up) >= sure * d", "True", "surfaces are found past their border", FACING),
     (SIDES, "info[0] != but and", "", "surfaces of a solid that is left out are found", FACING),
     (SIDES, "(only < 0 or info[0] == only)", "True", "surfaces of other solids are found", FACING),
-    (PINCH, "np.where(scan.yields[a.solid], -1, a.solid)", "a.solid", "a body does not close on itself", MESH_ARM),
+    (PINCH, "np.where(detector.yields[a.solid], -1, a.solid)", "a.solid", "a body does not close on itself", MESH_ARM),
     (PINCH, "whole[self.trial.index] * self.led[:, None]", "whole[self.trial.index]",
      "what pins bear is the solids' too", PINCHED),
     (LAYERS, "self.intersections.resting, self.waived)", "self.intersections.resting)",

@@ -29,7 +29,7 @@ class Contacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids, and of its cloths with each other.
 
     Attributes:
-        solids: against solids; scan: the detectors of these; layers: cloth against cloth, or None; sprung: whether by the
+        solids: against solids; detector: that of these; layers: cloth against cloth, or None; sprung: whether by the
             paper's springs.
         force: the terms of contacts in the system of a solve.
         start: of the attempt at a step; base: positions and velocities (n, 3) with which its last solve began.
@@ -55,7 +55,7 @@ class Contacts(Checkpointed):
         nowhere = np.zeros((model.n, 3))
         self.start, self.base = StepContext(h, h, nowhere, nowhere), (nowhere, nowhere)
         self.solids = SolidContacts(fields, model, scene, self.start)
-        self.scan = self.solids.scan
+        self.detector = self.solids.detector
         self.balance = Balance(self.solids, nowhere)
         self.found: Found | None = None
         self.rounds = 0
@@ -80,7 +80,7 @@ class Contacts(Checkpointed):
             self.layers.waive(self.solids.pinches.where, self.solids.pinches.accepted.index)
             self.layers.begin(self.start, together)
 
-    def hold(self, smooth: bool = True) -> tuple[Held | None, float]:
+    def constrain(self, smooth: bool = True) -> tuple[Held | None, float]:
         """(particles that the next solve from the saved state holds, pins included; the largest closing distance [m])
 
         Args:
@@ -94,7 +94,7 @@ class Contacts(Checkpointed):
             balance.take(self.found)
             if smooth:
                 balance.go_on(self.found.residual.relative <= NEAR)
-            balance.hold()
+            balance.constrain()
         self.base = self.start.begins
         if balance.held is not None:
             self.base[0][balance.held.index] += balance.held.y
@@ -284,19 +284,19 @@ class Contacts(Checkpointed):
 
     def inspect(self) -> list[str]:
         """See `SolidCollisionDetector.inspect`; called at the beginning."""
-        notes = self.scan.inspect()
+        notes = self.detector.inspect()
         self.clear()
         return notes + (self.layers.intersections.inspect() if self.layers is not None else [])
 
     def settle(self, fixed: np.ndarray) -> Moved:
         """Moves cloth apart that starts nearer to solids, or to itself, than it can go on from, but for particles (k,) that
         are fixed. Particles that start inside solids are let out over the first steps."""
-        moved = move_apart(self.scan, self.model, self.layers, fixed)
+        moved = move_apart(self.detector, self.model, self.layers, fixed)
         if len(moved.near):
             self.clear()
             if self.layers is not None:
                 self.layers.release_nearest()
-        self.solids.let_out(self.scan.inside.particles, self.scan.inside.depth)
+        self.solids.let_out(self.detector.inside.particles, self.detector.inside.depth)
         return moved
 
     def clear(self) -> None:

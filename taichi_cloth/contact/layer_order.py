@@ -69,7 +69,7 @@ class _Surface:
         return _Surface(x, normal, max(p.edge for p in parts), keeps)
 
 
-def put_in_order(scan: SolidCollisionDetector, model: ParticleState, scene: Scene, fixed: np.ndarray) -> list[MovedOut]:
+def put_in_order(detector: SolidCollisionDetector, model: ParticleState, scene: Scene, fixed: np.ndarray) -> list[MovedOut]:
     """Moves cloths out of those that belong inside them; the model is at rest where it starts.
 
     Args:
@@ -81,9 +81,9 @@ def put_in_order(scan: SolidCollisionDetector, model: ParticleState, scene: Scen
     still[fixed] = True
     knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
     moved: list[MovedOut] = []
-    scan.set_time(scan.time, 0.0)
+    detector.set_time(detector.time, 0.0)
     model.save()
-    crossed = len(scan.find_crossings())
+    crossed = len(detector.find_crossings())
     for layer, _, outer in order:
         inside = [c for k, _, c in order if k < layer and not scene.passes(c, outer) and _cross(c, outer, x)]
         if not inside:
@@ -99,7 +99,7 @@ def put_in_order(scan: SolidCollisionDetector, model: ParticleState, scene: Scen
         for _ in range(2):
             x[model.user] = before[model.user] + as_one(by[model.user], knots, held)
             model.write(x, v)
-            through = scan.find_crossings()
+            through = detector.find_crossings()
             if len(through) <= crossed:
                 break
             held[through] = True  # a solid is there: contact parts layers as it can

@@ -46,16 +46,16 @@ class Moved:
     by: float = 0.0
 
 
-def move_apart(scan: SolidCollisionDetector, model: ParticleState, layers: Layers | None, fixed: np.ndarray) -> Moved:
+def move_apart(detector: SolidCollisionDetector, model: ParticleState, layers: Layers | None, fixed: np.ndarray) -> Moved:
     """Moves cloth apart from solids' edges and corners, and layers; the model is at rest where it starts.
 
     Args:
-        scan: knows the solids.
+        detector: knows the solids.
         fixed: (k,) particles that scripts hold.
     """
-    scan.set_time(scan.time, 0.0)
+    detector.set_time(detector.time, 0.0)
     model.save()
-    work = _Start(scan, model, layers)
+    work = _Start(detector, model, layers)
     near = work.too_near()
     if not len(near):
         return Moved(near, near)
@@ -73,20 +73,20 @@ def move_apart(scan: SolidCollisionDetector, model: ParticleState, layers: Layer
 class _Start:
     """A model's cloth before its first step, between solids and layers of its own."""
 
-    def __init__(self, scan: SolidCollisionDetector, model: ParticleState, layers: Layers | None) -> None:
-        self.scan, self.model, self.layers, self.v = scan, model, layers, model.read_particles()[1]
+    def __init__(self, detector: SolidCollisionDetector, model: ParticleState, layers: Layers | None) -> None:
+        self.detector, self.model, self.layers, self.v = detector, model, layers, model.read_particles()[1]
         self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
-        self.most = float(scan.thickness.max(initial=0.0))  # m: the largest thickness
+        self.most = float(detector.thickness.max(initial=0.0))  # m: the largest thickness
         if layers is not None:
             self.most = max(self.most, 2 * float(layers.intersections.half.max()))
 
     def too_near(self) -> np.ndarray:
         """(k,) particles of pairs that are too near where the model is."""
-        pairs, between, rows = self.scan.find_pairs(), self.between(), []
+        pairs, between, rows = self.detector.find_pairs(), self.between(), []
         if between is not None:
             rows.append(between.vertices[between.stuck].ravel())
         if pairs is not None:
-            part = self.scan.part_of(pairs)
+            part = self.detector.part_of(pairs)
             rows.append(pairs.own_vertices[(part > 0) & (part < NEAR)].ravel())
         return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.int64)
 
@@ -121,9 +121,9 @@ class _Start:
 
     def moved_apart(self, x: np.ndarray, still: np.ndarray, layered: bool) -> np.ndarray:
         """Positions (n, 3) to which cloth can be moved apart from x, where the model then is; with `layered` layers too."""
-        scan, model, layers = self.scan, self.model, self.layers
+        detector, model, layers = self.detector, self.model, self.layers
         model.save()
-        crossed = len(scan.find_crossings())
+        crossed = len(detector.find_crossings())
         if layers is not None:
             layers.count_tangled()
             layers.intersections.commit()
@@ -136,7 +136,7 @@ class _Start:
             by = self.free_of_layers(as_one(by, self.knots, still), x, still)
             for _ in range(TOGETHER):
                 model.write_particles(x + by, self.v)
-                through = scan.find_crossings()
+                through = detector.find_crossings()
                 if len(through) <= crossed:
                     break
                 still[through] = True
@@ -149,12 +149,12 @@ class _Start:
 
     def shift(self, layered: bool) -> tuple[np.ndarray, float]:
         """((n, 3) displacements [m] that bring near particles out, the largest lack, of the distance kept)."""
-        n, found, pairs = self.model.n, self.scan.detect(), self.scan.find_pairs()
+        n, found, pairs = self.model.n, self.detector.detect(), self.detector.find_pairs()
         by, count, most = np.zeros((n, 3)), np.zeros(n), [0.0]
-        t = self.scan.thickness[found.solid]
+        t = self.detector.thickness[found.solid]
         parts = [(found.index[:, None], np.ones((len(t), 1)), found.normal, found.gap + t, t)]
         if pairs is not None:
-            keeps = PAIR * self.scan.thickness[pairs.solid]
+            keeps = PAIR * self.detector.thickness[pairs.solid]
             parts.append((pairs.vertices, pairs.weights, pairs.normal, pairs.distance, keeps))
         near = self.between() if layered else None
         if near is not None:

@@ -169,7 +169,7 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
     sim, meets = Simulation(scene, h=h, cg_tol=ROUGH, contact_tol=None), contact is not None
     try:
         if sim.contacts is not None:
-            refuse_inside(zip(scene.cloths, [w.garment for w in worn]), sim.model, sim.contacts.scan, scene.solids)
+            refuse_inside(zip(scene.cloths, [w.garment for w in worn]), sim.model, sim.contacts.detector, scene.solids)
         firm, before, gaps, spent = 1.0, np.inf, [], 0
         rests = meets and len(worn) == 1
         while (gap := sim.seam_gaps().max(initial=0.0)) > 0:

@@ -138,13 +138,13 @@ class Parts:
         if len({c.contact.layer for c in self.scene.cloths if c.contact is not None}) > 1:
             from ..contact.layer_order import put_in_order
 
-            self.notes += [str(out) for out in put_in_order(self.contacts.scan, self.model, self.scene, fixed)]
+            self.notes += [str(out) for out in put_in_order(self.contacts.detector, self.model, self.scene, fixed)]
             self.prescribed.begin_anew()
         self.notes += self.contacts.inspect()
         if self.scene.hung:
             from .starts import refuse_inside, refuse_through
 
-            refuse_inside(self.scene.hung, self.model, self.contacts.scan, self.scene.solids)
+            refuse_inside(self.scene.hung, self.model, self.contacts.detector, self.scene.solids)
             refuse_through(self.scene.hung, self.scene.solids)
         moved = self.contacts.settle(fixed)
         if not len(moved.near):

@@ -17,23 +17,23 @@ OUT = ("hang the panels further out (Garment.moved), or turn and move the garmen
        "turn and shift of `dress` and of the scene dress_up)")
 
 
-def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, scan: SolidCollisionDetector,
+def refuse_inside(hung: Iterable[tuple[Cloth, Garment]], model: ParticleState, detector: SolidCollisionDetector,
                   solids: list[Solid]) -> None:
     """Refuses garments that start inside solids.
 
     Args:
         hung: each cloth with its garment.
-        scan: has inspected the start.
+        detector: has inspected the start.
 
     Raises:
         SceneError: the garment, its panel, the solid, how many vertices and how deep.
     """
-    found = scan.inside
+    found = detector.inside
     for cloth, garment in hung:
         vertex = model.user[found.particles] - cloth.start
         mine = (vertex >= 0) & (vertex < cloth.mesh.vertex_count)
         if mine.any():
-            deep = (found.depth - scan.thickness[found.solid])[mine].max()
+            deep = (found.depth - detector.thickness[found.solid])[mine].max()
             solid = solids[int(found.solid[mine][0])].name
             raise SceneError(f"{cloth.name}: {len(np.unique(vertex[mine]))} vertices start inside the body, the first of them "
                              f"of {garment.panel_of(int(vertex[mine][0]))!r} in {solid!r}, at most {1e3 * deep:.3g} mm deep: "

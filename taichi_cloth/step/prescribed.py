@@ -49,7 +49,7 @@ class Prescribed(Checkpointed):
             self.pulls.began = t
         self.set_time(t + h)
         if self.contacts is not None and h > 0:
-            self.contacts.scan.set_time(t, h)
+            self.contacts.detector.set_time(t, h)
         held, sewn = self.held(t + h), self.model.sewn
         return held if sewn is None else sewn.spread(held, h)
 

@@ -75,12 +75,12 @@ def test_stiffness_by_load():
     firm, key = LoadStiffness(), np.array([3, 5, 9])
     load, reach, least, none = np.array([0.1, -0.1, 0.05]), np.full(3, 1e-3), np.full(3, 8.0), np.zeros(3, dtype=bool)
     for times in (TIMES - 1, TIMES):
-        assert firm.bear(none, key, load, reach, least) == 0 and not len(firm.trial.key)
+        assert firm.update(none, key, load, reach, least) == 0 and not len(firm.trial.key)
         for _ in range(times):
             assert not len(firm.trial.key)
-            assert firm.bear(np.array([True, True, False]), key, load, reach, least) == 0
+            assert firm.update(np.array([True, True, False]), key, load, reach, least) == 0
     assert firm.trial.of(key) == pytest.approx([0.1 / (GIVE * 1e-3), 4 * 8.0, 0])
-    assert firm.bear(np.array([True, False, False]), key, load, reach, least) == 1
+    assert firm.update(np.array([True, False, False]), key, load, reach, least) == 1
     assert firm.trial.of(np.array([1, 3, 5])) == pytest.approx([0, 4 * 0.1 / (GIVE * 1e-3), 0])
     firm.commit(key, load, reach, least, 0.5)
     assert firm.accepted.key.tolist() == [3]
@@ -96,5 +96,5 @@ def test_stiffness_by_load():
     assert not len(firm.accepted.key)
     for _ in range(20):  # a load that its own stiffness makes, where something else holds the cloth
         load = load + firm.trial.of(key) * reach
-        firm.bear(np.array([True, False, False]), key, load, reach, least)
+        firm.update(np.array([True, False, False]), key, load, reach, least)
     assert firm.trial.of(key) == pytest.approx([FIRMEST * 8.0, 0, 0])

@@ -251,8 +251,8 @@ def test_surfaces_by_where_they_face(rng):
     """The nearest triangle that faces a direction, its height, normal, motion and friction, against a search of all."""
     scene = figure("one_mesh", 1, False, cells=6, parts={"arm": 0.7})
     sim = tc.Simulation(scene, h=H)
-    scan, body = sim.contacts.scan, scene.solids[0]
-    scan.set_time(0.45, H)
+    detector, body = sim.contacts.detector, scene.solids[0]
+    detector.set_time(0.45, H)
     x, x_1 = body.surface_at(0.45), body.surface_at(0.45 + H)
     faces = body.shape.faces
     center = x[faces].mean(axis=1)

@@ -48,11 +48,11 @@ def crossed_boxes():
 def test_buried_triangles(crossed_boxes, time, some):
     """Those of which three places just outside of them, near their corners, are inside a box. Of the upright one all edges
     are in line with the rays."""
-    scan = crossed_boxes.contacts.scan
-    scan.set_time(time - H, H)
-    buried = scan.surfaces.buried
+    detector = crossed_boxes.contacts.detector
+    detector.set_time(time - H, H)
+    buried = detector.surfaces.buried
     buried.look()
-    x, faces = scan.solids[0].surface_at(time), scan.tree.corners.to_numpy()[: scan.tree.count]
+    x, faces = detector.solids[0].surface_at(time), detector.tree.corners.to_numpy()[: detector.tree.count]
     corner = x[faces]
     middle = corner.mean(axis=1)
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

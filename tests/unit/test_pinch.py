@@ -88,7 +88,7 @@ def test_scripts_have_their_way_with_what_they_hold_whole(between):
     pinches = begin(between, x)
     there = x[:2] + [0.01, 0.0, 0.02]
     P = np.stack([np.eye(3), np.diag([1.0, 0.0, 0.0])])
-    held = pinches.with_pins(Held.of([0, 1], P, there, True, 0 * there, pinches.scan.exchange))
+    held = pinches.with_pins(Held.of([0, 1], P, there, True, 0 * there, pinches.detector.exchange))
     order = np.argsort(held.index)
     assert held.index[order].tolist() == list(range(9))
     assert np.abs(held.projector[order][:2] - np.eye(3)).max() == 0  # what is held in part is held whole
@@ -96,7 +96,7 @@ def test_scripts_have_their_way_with_what_they_hold_whole(between):
     at = held.target[order]
     assert np.abs(at[0] - there[0]).max() < 1e-6 and np.abs(at[1:] - pinches.target[1:]).max() < 1e-6
     pinches.rub(StepContext(H, H, x, 0 * x), x + [1.0, 0.0, 0.0], 0 * x)
-    pinches.bear(held, np.ones((9, 3)), 0 * x, H)  # what a pin bears is no solid's
+    pinches.record_forces(held, np.ones((9, 3)), 0 * x, H)  # what a pin bears is no solid's
     assert (pinches.forces[0] == 0).all() and (pinches.forces[1:] == 1).all()
 
 
@@ -131,7 +131,7 @@ def test_an_edge_rests_by_its_own_vertices(rng):
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0.003, 0.0709, 0])
     with tc.Simulation(scene, h=H) as sim:
         sim.model.save()
-        near = sim.contacts.scan.look(H)
+        near = sim.contacts.detector.look(H)
         edges = near.pairs.take(near.pairs.weights[:, 2] == 0)
         edges = edges.take((edges.weights[:, :2] > 0.02).all(axis=1))
         around = rng.uniform(size=sim.vertex_count) < 0.3
@@ -213,26 +213,26 @@ def test_raised_edges_are_without_pairs_only_across():
     scene.add_solid(tc.Box((0.1, 0.1, 0.3)), 0.0, 0.002, name="box", rotation=(0.0, 0.0, np.pi / 4))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0, 0.1, 0])
     with tc.Simulation(scene, h=H) as sim:
-        scan, penetration = sim.contacts.scan, sim.contacts.solids.penetration
+        detector, penetration = sim.contacts.detector, sim.contacts.solids.penetration
         x = mesh.x - mesh.x.mean(axis=0) + [0, 0.05 * np.sqrt(2) + 0.0002, 0]
         sim.set_state(x, 0 * x)
-        scan.thickness_ramp.part[:] = 1.0
+        detector.thickness_ramp.part[:] = 1.0
         sim.model.save()
-        near, none = scan.look(H), np.zeros((0, 3), dtype=np.int64)
+        near, none = detector.look(H), np.zeros((0, 3), dtype=np.int64)
         assert len(near.pairs.key) > 20 and near.pairs.distance == pytest.approx(0.0002, rel=0.01)
         penetration.raised[:] = 0.001
         kept = penetration.raise_from(near)
         assert (kept.pairs.key == near.pairs.key).all() and kept.vertices.gap == pytest.approx(near.vertices.gap - 0.001)
-        penetration.before, penetration.crossed = none, scan.faces[:4]
+        penetration.before, penetration.crossed = none, detector.faces[:4]
         assert penetration.more_crossed
         penetration.across[:] = True
         assert not len(penetration.raise_from(near).pairs.key) and not penetration.more_crossed
         penetration.pass_time(H, VertexContacts.none())
-        assert (np.flatnonzero(penetration.across) == np.unique(scan.faces[:4])).all()
+        assert (np.flatnonzero(penetration.across) == np.unique(detector.faces[:4])).all()
         rests = penetration.across[near.pairs.own_vertices].all(axis=1)
         assert penetration.raise_from(near).pairs.key.tolist() == near.pairs.key[~rests].tolist()
         own = near.pairs.vertices[~rests][near.pairs.weights[~rests] > 0]
-        assert scan.thickness_ramp.part[own] == pytest.approx(0.2, rel=0.01)
+        assert detector.thickness_ramp.part[own] == pytest.approx(0.2, rel=0.01)
 
 
 def test_no_small_step_is_refused_beside_what_is_pinched():
@@ -241,17 +241,17 @@ def test_no_small_step_is_refused_beside_what_is_pinched():
     scene.add_solid(tc.Box((0.1, 0.1, 0.3)), 0.0, 0.002, name="box")
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0, 0.1, 0])
     with tc.Simulation(scene, h=H) as sim:
-        solids, scan = sim.contacts.solids, sim.contacts.scan
+        solids, detector = sim.contacts.solids, sim.contacts.detector
         penetration, x = solids.penetration, sim.model.read_particles()[0]
-        face = scan.faces[len(scan.faces) // 2]
+        face = detector.faces[len(detector.faces) // 2]
         penetration.crossed, none = face[None], np.zeros(0, dtype=np.int64)
-        near = scan.look(H)
+        near = detector.look(H)
 
         def may_shrink(h: float) -> bool:
             return penetration.may_shrink(StepContext(h, H, x, 0 * x), near, none, None)
 
         assert may_shrink(H) and may_shrink(H / 128)
-        beside = np.setdiff1d(scan.faces[np.isin(scan.faces, face).any(axis=1)], face)
+        beside = np.setdiff1d(detector.faces[np.isin(detector.faces, face).any(axis=1)], face)
         penetration.spared[np.setdiff1d(np.arange(sim.vertex_count), np.append(face, beside))[0]] = 0.1
         assert may_shrink(H / 128)
         penetration.spared[beside[0]] = 0.1
@@ -292,7 +292,7 @@ def test_what_was_pinched_and_is_inside_comes_out(sought):
             sim.step(H)
             height.append(sim.positions()[:, 1].min())
         assert not sum((list(r.rejections) for r in sim.log), [])
-        most = 0.25 * sim.contacts.scan.edge
+        most = 0.25 * sim.contacts.detector.edge
         assert np.diff([0.02, *height]).max() < 1.01 * most
         assert height[-1] == pytest.approx(0.052 if sought else 0.02, abs=2e-4)
         assert not penetration.sought.any() and not penetration.spared.any()

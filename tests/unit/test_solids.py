@@ -237,10 +237,10 @@ def test_a_body_that_is_moved_by_hand_is_where_it_then_is():
     scene.add_cloth(tc.grid(0.5, 4), tc.Fabric(0.2, tc.Stretch(1000)))
     solid = scene.add_solid(tc.SolidMesh(*CUBE), friction=0.0, thickness=0.01, position=lambda t: [at[0], 3 + t, at[2]])
     sim = tc.Simulation(scene)
-    tree = sim.contacts.solids.scan.tree
+    tree = sim.contacts.solids.detector.tree
     for t, x in ((0.0, 0.0), (0.1, 0.0), (0.2, 0.5), (0.2, 0.5), (0.3, -0.5)):
         at[0] = x
-        sim.contacts.solids.scan.set_time(t, 0.1)
+        sim.contacts.solids.detector.set_time(t, 0.1)
         ends = read(tree.x) + np.tile(sim.model.origin, 2)
         assert np.allclose(ends, np.concatenate([solid.surface_at(t), solid.surface_at(t + 0.1)], axis=1), atol=1e-12)
         assert np.isclose(tree.fastest, 0.1)

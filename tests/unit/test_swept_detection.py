@@ -38,15 +38,15 @@ def test_what_comes_within_the_thickness_is_met_and_nothing_else(kind, rng):
     What only grazes the thickness on its way, and not the solid, is left out."""
     scene, made = scene_of(kind, 60)
     sim = tc.Simulation(scene, h=H, threads=1)
-    model, scan, n = sim.model, sim.contacts.scan, sim.model.n
+    model, detector, n = sim.model, sim.contacts.detector, sim.model.n
     x_0 = rng.uniform(-0.5, 0.6, size=(n, 3))
     x_1 = x_0 + rng.uniform(-0.35, 0.35, size=(n, 3)) * (rng.random((n, 1)) < 0.5)
     origin = model.origin
     model.write_particles(x_0 - origin, np.zeros((n, 3)))
     model.save()
     model.write_particles(x_1 - origin, np.zeros((n, 3)))
-    scan.set_time(0.0, H)
-    found = scan.detect()
+    detector.set_time(0.0, H)
+    found = detector.detect()
     missed = false = wanted = 0
     times = np.zeros(n, dtype=int)
     for k, solid in enumerate(made):
@@ -78,8 +78,8 @@ def test_edges_and_corners_that_come_near_are_found(rng):
                            position=lambda t: shift * t / H)
     sim = tc.Simulation(scene, h=H, threads=1)
     sim.model.save()
-    sim.contacts.scan.set_time(0.0, H)
-    found = sim.contacts.scan.find_pairs()
+    sim.contacts.detector.set_time(0.0, H)
+    found = sim.contacts.detector.find_pairs()
     rows = sim.model.user[found.vertices] // 3
     assert (rows == rows[:, :1]).all() and (np.abs(found.weights.sum(axis=1) - 1) < 1e-12).all()
     many = np.bincount(rows[:, 0], minlength=COUNT)  # pairs of each face
@@ -118,17 +118,17 @@ def test_pairs_are_found_as_if_all_were_looked_for_anew(moving, rng):
         end = end + scale * thick * rng.normal(size=(n, 3)) * (rng.random((n, 1)) < part)
         found = []
         for sim in sims:
-            near, scan = sim.contacts.scan.pairs.near, sim.contacts.scan
+            near, detector = sim.contacts.detector.pairs.near, sim.contacts.detector
             for x in (begin, end):
                 sim.model.write_particles(x, np.zeros((n, 3)))
                 if x is begin:
                     sim.model.save()
             if look % 6 == 0:
-                scan.set_time(look * H, H)
+                detector.set_time(look * H, H)
             if sim is sims[1]:
                 near.forget()
             before = near.rows
-            found.append(scan.find_pairs())
+            found.append(detector.find_pairs())
             kept += near.rows is before
         a, b = found
         assert np.array_equal(a.key, b.key) and np.array_equal(a.distance, b.distance), look
@@ -146,8 +146,8 @@ def test_what_flies_through_a_thin_solid_is_kept_on_its_side():
     x = model.read_particles()[0]
     model.save()
     model.write_particles(x - [0, 0.12, 0], np.zeros_like(x))
-    sim.contacts.scan.set_time(0.0, H)
-    found = sim.contacts.scan.detect()
+    sim.contacts.detector.set_time(0.0, H)
+    found = sim.contacts.detector.detect()
     assert len(found.index) == model.n and np.allclose(found.normal, [0, 1, 0])
     for gap, height in ((found.gap, -0.07), (found.start_gap, 0.05)):
         assert np.allclose(gap, height - 0.002 - THICK, atol=1e-4)
@@ -164,8 +164,8 @@ def moved(meshed: bool, begin: np.ndarray, end: np.ndarray):
     x = model.read_particles()[0]
     model.save()
     model.write_particles(x + [*(end - begin), 0], np.zeros_like(x))
-    sim.contacts.scan.set_time(0.0, H)
-    found = sim.contacts.scan.detect()
+    sim.contacts.detector.set_time(0.0, H)
+    found = sim.contacts.detector.detect()
     return found.take(found.index == model.particle[0])
 
 

@@ -70,14 +70,14 @@ class ActiveSet:
     Attributes:
         contacts: k of them; states: of each.
         slip: (k, 3) their velocity against the solid before the solve [m/s].
-        lift: (k,) how far [m] each moves its particle along its normal.
+        normal_shift: (k,) how far [m] each moves its particle along its normal.
         holding: them and pins, as the solve's filter holds them.
     """
 
     contacts: VertexContacts
     states: States
     slip: np.ndarray
-    lift: np.ndarray
+    normal_shift: np.ndarray
     holding: Holding
 
     @classmethod
@@ -88,18 +88,19 @@ class ActiveSet:
                    Holding(None, nothing.astype(bool), nothing.astype(np.int64)))
 
 
-def hold_together(f: VertexContacts, stick: np.ndarray, lift: np.ndarray, pinned: Held | None, n: int,
+def hold_together(f: VertexContacts, stick: np.ndarray, normal_shift: np.ndarray, pinned: Held | None, n: int,
                   exchange: type) -> Holding:
     """Contacts and pins of n particles as one.
 
     Args:
-        stick: (k,) whether a contact holds all directions; lift: (k,) how far [m] along its normal it moves its particle.
+        stick: (k,) whether a contact holds all directions.
+        normal_shift: (k,) how far [m] along its normal it moves its particle.
     """
     if not len(f.index):
         return Holding(pinned, np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64))
     projectors = np.einsum("ki,kj->kij", f.normal, f.normal)
     projectors[stick] = np.eye(3)
-    shifts = lift[:, None] * f.normal
+    shifts = normal_shift[:, None] * f.normal
     again = f.index[1:] == f.index[:-1]
     alone = ~(np.append(again, False) | np.append(False, again))
     if pinned is not None:

@@ -82,11 +82,11 @@ class Balance:
         self.smoothed = self.rubbed = False
 
     def begin(self) -> None:
-        """The contacts of the first solve, `solids.active`: those that `SolidContacts.hold` chooses."""
-        self.closing = self.solids.hold()
+        """The contacts of the first solve, `solids.active`: those that `SolidContacts.choose_active` chooses."""
+        self.closing = self.solids.choose_active()
         a = self.solids.active
         self.f, c = a.contacts, self.start.c
-        self.goal = np.minimum(self.f.start_gap + a.lift, 0.0)
+        self.goal = np.minimum(self.f.start_gap + a.normal_shift, 0.0)
         self.held = self.start.altered(a.holding.held)
         p_n, speed = c * a.states.force, length(a.slip)
         cone = self.f.friction * p_n
@@ -99,16 +99,16 @@ class Balance:
         drag = np.where(slides, cone / np.maximum(np.maximum(speed, stopped), 1e-12), 0.0)
         self.rows = Rows(self.f.key, a.states.stick, p_n, push, drag)
 
-    def hold(self) -> None:
+    def constrain(self) -> None:
         """The contacts of a further solve: those that bear, where the law leads them."""
         rows, start, f = self.rows, self.start, self.f
-        lift = self.goal - f.start_gap
-        holding = hold_together(f, rows.stick, lift, start.pins, self.solids.model.n, self.solids.model.exchange)
+        normal_shift = self.goal - f.start_gap
+        holding = hold_together(f, rows.stick, normal_shift, start.pins, self.solids.model.n, self.solids.model.exchange)
         sewn = self.solids.model.sewn
         held = holding.held if sewn is None else sewn.spread(holding.held, start.c)
         self.held = start.altered(held)
         states = States(f.key, rows.stick, rows.normal / start.c, rows.push)
-        self.solids.active = ActiveSet(f, states, self.slip, lift, replace(holding, held=held))
+        self.solids.active = ActiveSet(f, states, self.slip, normal_shift, replace(holding, held=held))
 
     def rubs(self, v: np.ndarray) -> ContactRows:
         """Friction of sliding contacts, for a solve that begins with velocities v (n, 3) [m/s]."""

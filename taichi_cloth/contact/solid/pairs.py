@@ -106,8 +106,8 @@ def inertia(p: Pairs, mass: np.ndarray) -> np.ndarray:
     return 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
 
 
-def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray,
-          firm: np.ndarray | None = None) -> ContactRows:
+def linearize_repulsion(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray,
+                        firm: np.ndarray | None = None) -> ContactRows:
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
@@ -194,7 +194,7 @@ class LoadStiffness(Checkpointed):
         """A new attempt."""
         self.trial, self.missed = self.accepted, {}
 
-    def bear(self, lost: np.ndarray, key: np.ndarray, load: np.ndarray, reach: np.ndarray, least: np.ndarray) -> int:
+    def update(self, lost: np.ndarray, key: np.ndarray, load: np.ndarray, reach: np.ndarray, least: np.ndarray) -> int:
         """After a solve: stiffens pairs (k,) that ended too near; lets go of those that pull. How many these are.
 
         Args:
@@ -217,7 +217,7 @@ class LoadStiffness(Checkpointed):
         return int(pulls.sum())
 
     def commit(self, key: np.ndarray, load: np.ndarray, reach: np.ndarray, least: np.ndarray, share: float) -> None:
-        """The step, so much of a usual one, was accepted; of its last solve's pairs (k,), arguments as in `bear`."""
+        """The step, so much of a usual one, was accepted; of its last solve's pairs (k,), arguments as in `update`."""
         firm = self.trial.of(key)
         firm = np.maximum(SOFTER**share * firm, np.minimum(firm, load / (BORNE * reach)))
         keep = firm > least

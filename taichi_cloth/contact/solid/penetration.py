@@ -42,10 +42,10 @@ class Penetration(Checkpointed):
 
     STATE = ("before", "spared", "raised", "across", "sought")
 
-    def __init__(self, n: int, scan: SolidCollisionDetector) -> None:
-        self.scan, self.thickness = scan, scan.thickness
-        self.deep = np.where(scan.pokes, DEEPER, DEEP) * scan.thickness
-        self.raised, self.most = np.zeros(n), HIGHEST * scan.edge
+    def __init__(self, n: int, detector: SolidCollisionDetector) -> None:
+        self.detector, self.thickness = detector, detector.thickness
+        self.deep = np.where(detector.pokes, DEEPER, DEEP) * detector.thickness
+        self.raised, self.most = np.zeros(n), HIGHEST * detector.edge
         self.across = np.zeros(n, dtype=bool)
         self.resting: Pairs | None = None
         self.spared, self.pinched, self.sought = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
@@ -88,30 +88,30 @@ class Penetration(Checkpointed):
         bad = bool((inside.gap < -self.deep[inside.solid]).any())
         if near.pairs is None:
             return 0, bad
-        nearer, lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))
+        nearer, lost = left(near.pairs, linearized, self.detector.kept_by(near.pairs))
         minded = self._minded_pairs(near.pairs)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
     def below_least(self, near: ContactCandidates) -> np.ndarray:
         """(k,) whether pairs end nearer than LEAST, and none of their particles is pinched."""
         assert near.pairs is not None
-        return (near.pairs.distance < LEAST * PAIR * self.scan.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
+        return (near.pairs.distance < LEAST * PAIR * self.detector.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
 
     def may_shrink(self, start: StepContext, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is: not next to what is
         pinched, either, which draws its neighbours along."""
         if not start.small:
             return True
-        faces, beside = self.scan.faces, ~self.minded
+        faces, beside = self.detector.faces, ~self.minded
         beside[faces[beside[faces].any(axis=1)]] = True
         rows = self.wrong(near, held, linearized)
         there = walls(near.vertices, near.pairs, near.end_positions, self.thickness)
-        return bool(has_room(rows[~beside[rows].any(axis=1)], faces, there, self.thickness, self.scan.yields,
+        return bool(has_room(rows[~beside[rows].any(axis=1)], faces, there, self.thickness, self.detector.yields,
                              pinned_particles(start.pins, len(self.spared))).any())
 
     def look_across(self) -> bool:
         """Looks for crossings where the model is; whether there are more than at the beginning, pinched ones apart."""
-        self.crossed = self.scan.find_crossings()
+        self.crossed = self.detector.find_crossings()
         return self.more_crossed
 
     @property
@@ -121,8 +121,8 @@ class Penetration(Checkpointed):
 
     def crossings(self, f: VertexContacts) -> int:
         """Pairs of triangles of cloth and solids that cross, and particles inside solids without edges or corners."""
-        inside = ~self.scan.pokes[f.solid] & (f.gap < -self.thickness[f.solid])
-        across = self.scan.find_crossings(grown=True) if self.scan.rounded else self.crossed
+        inside = ~self.detector.pokes[f.solid] & (f.gap < -self.thickness[f.solid])
+        across = self.detector.find_crossings(grown=True) if self.detector.rounded else self.crossed
         return len(across) + int(inside.sum())
 
     def wrong(self, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> np.ndarray:
@@ -131,7 +131,7 @@ class Penetration(Checkpointed):
         deep = inside.index[inside.gap < -self.deep[inside.solid]]
         rows = [np.repeat(deep[:, None], 3, axis=1)]
         if near.pairs is not None:
-            lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))[1]
+            lost = left(near.pairs, linearized, self.detector.kept_by(near.pairs))[1]
             rows.append(self._minded(near.pairs.own_vertices[lost]))
         if self.more_crossed:
             rows.append(self._new(self.crossed))
@@ -142,7 +142,7 @@ class Penetration(Checkpointed):
         self.spared = np.maximum(self.spared - h, 0)
         inside = np.zeros(len(self.sought), dtype=bool)
         deep = f.gap + self.raised[f.index] < -self.thickness[f.solid]
-        inside[f.index[deep & self.scan.closed[f.solid]]] = True
+        inside[f.index[deep & self.detector.closed[f.solid]]] = True
         inside &= self.sought
         self.spared[inside] = SPARED
         self.sought &= self.spared > 0
@@ -153,7 +153,7 @@ class Penetration(Checkpointed):
             self.raised = np.clip(self.raised + np.where(self.across, OUT * h, -OUT * h), 0, self.most)
         if self.resting is not None:
             back = self.resting.take(~self._rests(self.resting))
-            self.scan.thickness_ramp.add(back.vertices, self.scan.part_of(back))
+            self.detector.thickness_ramp.add(back.vertices, self.detector.part_of(back))
 
     def spare(self, particles: np.ndarray) -> None:
         """Particles are pinched between solids."""

@@ -81,7 +81,7 @@ class Between:
         return Between(self.index[which], self.a.take(which), self.b.take(which))
 
 
-class Pinches(Checkpointed):
+class Flypaper(Checkpointed):
     """The pinched particles of a model.
 
     Args:
@@ -101,16 +101,17 @@ class Pinches(Checkpointed):
 
     STATE = ("accepted",)
 
-    def __init__(self, n: int, particle: np.ndarray, scan: SolidCollisionDetector, scene: Scene) -> None:
-        self.scan, self.thickness = scan, scan.thickness
+    def __init__(self, n: int, particle: np.ndarray, detector: SolidCollisionDetector, scene: Scene) -> None:
+        self.detector, self.thickness = detector, detector.thickness
         self.between, self.area = np.zeros(n), np.zeros(n)
         for c in scene.cloths:
             mine = particle[c.start: c.start + c.mesh.vertex_count]
             self.area[mine] = lumped_mass(c.mesh, 1.0)
             if c.contact is not None:
                 self.between[mine] = c.contact.thickness
-        self.possible = bool(scan.yields.any() or (len(scene.solids) > 1 and scan.moves.any()))
-        self.surfaces = FacingSurfaces(scan.tree) if self.possible and scan.tree is not None and scan.meshes.any() else None
+        self.possible = bool(detector.yields.any() or (len(scene.solids) > 1 and detector.moves.any()))
+        tree = detector.tree if self.possible and detector.meshes.any() else None
+        self.surfaces = FacingSurfaces(tree) if tree is not None else None
         self.accepted = self.trial = Pinched()
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
@@ -130,7 +131,7 @@ class Pinches(Checkpointed):
         self.where = np.zeros(len(self.where), dtype=bool)
         self.where[self.trial.index] = True
         self.around = self.where.copy()
-        self.around[self.scan.faces[self.where[self.scan.faces].any(axis=1)]] = True
+        self.around[self.detector.faces[self.where[self.detector.faces].any(axis=1)]] = True
 
     def clear(self) -> None:
         """Nothing is pinched: the state was changed from outside."""
@@ -174,7 +175,7 @@ class Pinches(Checkpointed):
     def _grows(self, known: np.ndarray, new: Between) -> np.ndarray:
         """(k,) which candidates are pinched: where surfaces face each other, and next to that. In a corner by itself, of
         a floor and a wall that moves for example, cloth is pushed along."""
-        faces, out, inside = self.scan.faces, new.cosine < FACING, np.zeros(len(self.where), dtype=bool)
+        faces, out, inside = self.detector.faces, new.cosine < FACING, np.zeros(len(self.where), dtype=bool)
         inside[known] = True
         while True:
             inside[new.index[out]] = True
@@ -218,7 +219,8 @@ class Pinches(Checkpointed):
     def _below(self, x: np.ndarray, side: Sides) -> np.ndarray:
         """(k,) whether points x (k, 3) [m] that are inside the plane of a mesh's surface are below that surface, and not past
         its border: as an arm leaves a trunk sideways, or where cloth slips through the edge of both."""
-        deep = np.flatnonzero((side.solid >= 0) & (side.height < -self.thickness[side.solid]) & self.scan.meshes[side.solid])
+        inside = (side.solid >= 0) & (side.height < -self.thickness[side.solid])
+        deep = np.flatnonzero(inside & self.detector.meshes[side.solid])
         out = np.ones(len(x), dtype=bool)
         if len(deep) and self.surfaces is not None:
             reach = -side.height[deep] / SURE
@@ -229,12 +231,12 @@ class Pinches(Checkpointed):
     def _side(self, start: StepContext, old: Pinched, k: int) -> Sides:
         """One side of pinched particles, where it is now; of a mesh next to where its foot was: not of another part of it."""
         solid, x = old.solid[:, k], start.x[old.index]
-        sides, analytic = self._above(x, solid), ~self.scan.meshes[solid]
+        sides, analytic = self._above(x, solid), ~self.detector.meshes[solid]
         if analytic.all() or self.surfaces is None:
             return sides
         part = np.flatnonzero(~analytic)
         above = old.height[part, k, None] * old.normal[part, k]
-        reach = 2 * self.scan.fastest + self.thickness[solid[part]]
+        reach = 2 * self.detector.fastest + self.thickness[solid[part]]
         foot = self.surfaces.find(x[part] - above, old.normal[part, k], SAME, reach, np.full(len(part), -np.inf), solid[part],
                                   np.full(len(part), -1), sure=0.0)
         _fill(sides, part, replace(foot, height=foot.height + np.einsum("ki,ki->k", above, foot.normal)))
@@ -244,29 +246,29 @@ class Pinches(Checkpointed):
         """Solids (k,) as sides of points x (k, 3) [m]; of meshes nothing."""
         nothing = np.zeros(len(x))
         sides = Sides(np.full(len(x), -1), np.zeros((len(x), 3)), nothing, np.zeros((len(x), 3)), nothing.copy())
-        rows = np.flatnonzero(~self.scan.meshes[solid])
-        height, normal, motion = self.scan.above(x[rows], solid[rows])
-        _fill(sides, rows, Sides(solid[rows], normal, height, motion, self.scan.friction[solid[rows]]))
+        rows = np.flatnonzero(~self.detector.meshes[solid])
+        height, normal, motion = self.detector.above(x[rows], solid[rows])
+        _fill(sides, rows, Sides(solid[rows], normal, height, motion, self.detector.friction[solid[rows]]))
         return sides
 
     def _entering(self, start: StepContext, found: VertexContacts) -> Between:
         """Particles that get pinched in this step: between a solid in contact, and another solid or another part of a mesh
         that deforms."""
-        scan, sides, parts = self.scan, self._above(start.x[found.index], found.solid), []
+        detector, sides, parts = self.detector, self._above(start.x[found.index], found.solid), []
         if self.surfaces is not None:
             thick, nothing = self.thickness[found.solid], np.full(len(found.solid), -1)
-            reach = thick + self.thickness.max() + self.between[found.index] + 2 * scan.fastest
-            least = np.where(scan.closed[found.solid], -thick, 0.0)  # a sheet has its other side there
-            on = np.flatnonzero(scan.meshes[found.solid])
+            reach = thick + self.thickness.max() + self.between[found.index] + 2 * detector.fastest
+            least = np.where(detector.closed[found.solid], -thick, 0.0)  # a sheet has its other side there
+            on = np.flatnonzero(detector.meshes[found.solid])
             _fill(sides, on, self.surfaces.find(start.x[found.index[on]], found.normal[on], SAME, reach[on], least[on],
                                                 found.solid[on], nothing[on]))
-            on = np.flatnonzero((sides.solid >= 0) & (scan.moves[found.solid] | scan.moves[scan.meshes].any()))
+            on = np.flatnonzero((sides.solid >= 0) & (detector.moves[found.solid] | detector.moves[detector.meshes].any()))
             a, index = sides.take(on), found.index[on]
             b = self.surfaces.find(start.x[index], -a.normal, -WEDGE, reach[on] + np.linalg.norm(a.motion, axis=1), least[on],
-                                   nothing[on], np.where(scan.yields[a.solid], -1, a.solid))
+                                   nothing[on], np.where(detector.yields[a.solid], -1, a.solid))
             parts.append(Between(index, a, b))
-        for other in np.flatnonzero(~scan.meshes):
-            rows = np.flatnonzero((found.solid != other) & (scan.moves[found.solid] | scan.moves[other]))
+        for other in np.flatnonzero(~detector.meshes):
+            rows = np.flatnonzero((found.solid != other) & (detector.moves[found.solid] | detector.moves[other]))
             index = found.index[rows]
             parts.append(Between(index, sides.take(rows), self._above(start.x[index], np.full(len(rows), other))))
         all_ = Between(np.concatenate([p.index for p in parts]), Sides.join([p.a for p in parts]),
@@ -294,7 +296,7 @@ class Pinches(Checkpointed):
             other = ~np.isin(pins.index, index[self.led])
             index, projector, target, y = (np.concatenate([mine[other], part[self.led]]) for mine, part in zip(
                 (pins.index, pins.projector, pins.target, pins.y), (index, projector, target, y)))
-        return Held.of(index, projector, target, True, y, self.scan.exchange)
+        return Held.of(index, projector, target, True, y, self.detector.exchange)
 
     def rub(self, start: StepContext, there: np.ndarray, v: np.ndarray) -> ContactRows:
         """Friction of the surfaces on both sides, with where particles are expected at the end, there (n, 3) [m], in a solve
@@ -330,7 +332,7 @@ class Pinches(Checkpointed):
         taken, wanted = (now / np.maximum(u, CREEP) for u in (length(self.slip), now))
         return float(np.sum(size * np.abs(taken - wanted))) > LAGGED * float(np.sum(size))
 
-    def bear(self, held: Held | None, reaction: np.ndarray, moved: np.ndarray, c: float) -> None:
+    def record_forces(self, held: Held | None, reaction: np.ndarray, moved: np.ndarray, c: float) -> None:
         """Remembers forces of the last solve: `reaction` (k, 3) [N] on held particles, and friction where particles moved by
         (n, 3) [m]; c: the factor by which the method multiplies forces [s]."""
         if held is not None and len(self.trial.index):

@@ -22,9 +22,9 @@ from ...system.state import ParticleState
 from ..points import ContactRows, rows_of
 from ..step_start import StepContext
 from .active_set import ActiveSet, States, hold_together
-from .pairs import PAIR, PRESS, LoadStiffness, Pairs, Step, inertia, press
+from .pairs import PAIR, PRESS, LoadStiffness, Pairs, Step, inertia, linearize_repulsion
 from .penetration import Penetration
-from .pinch import Pinches
+from .pinch import Flypaper
 from .query import ContactCandidates, SolidCollisionDetector
 from .sliding import Sliding
 from .vertices import VertexContacts
@@ -55,7 +55,7 @@ class SolidContacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids.
 
     Attributes:
-        start: of the attempt; scan: looks for contacts; thickness_ramp: of the thickness that pairs go by; penetration:
+        start: of the attempt; detector: looks for contacts; thickness_ramp: of the thickness that pairs go by; penetration:
             judges which particles are too deep; pinches: cloth that solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
@@ -69,12 +69,12 @@ class SolidContacts(Checkpointed):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepContext) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
-        self.scan = SolidCollisionDetector(fields, model, scene)
-        self.thickness_ramp = self.scan.thickness_ramp
-        self.penetration = Penetration(model.n, self.scan)
-        self.pinches = Pinches(model.n, model.particle, self.scan, scene)
+        self.detector = SolidCollisionDetector(fields, model, scene)
+        self.thickness_ramp = self.detector.thickness_ramp
+        self.penetration = Penetration(model.n, self.detector)
+        self.pinches = Flypaper(model.n, model.particle, self.detector, scene)
         self.adaptive_stiffness = LoadStiffness()
-        self.reach = REACH * self.scan.edge
+        self.reach = REACH * self.detector.edge
         self.trial = self.accepted = States()
         self.unsettled = 0
         self.pinned = np.zeros(model.n, dtype=bool)
@@ -86,16 +86,16 @@ class SolidContacts(Checkpointed):
     @property
     def thickness(self) -> np.ndarray:
         """(solids,) [m]"""
-        return self.scan.thickness
+        return self.detector.thickness
 
     def begin(self, start: StepContext) -> StepContext:
         """A new attempt; the model is at its predicted end. Returns its start, with pinched particles among the pins."""
         self.trial, self.unsettled = self.accepted, 0
         self.penetration.crossed = self.penetration.before
-        if self.scan.pairs is not None:
+        if self.detector.pairs is not None:
             self.adaptive_stiffness.begin()
-        self.scan.seek(self.penetration.sought)
-        near = self.scan.look(start.h)
+        self.detector.seek(self.penetration.sought)
+        near = self.detector.look(start.h)
         if self.pinches.possible:
             self.pinches.begin(start, near.vertices)
             start = replace(start, pins=self.pinches.with_pins(start.pins))
@@ -106,11 +106,11 @@ class SolidContacts(Checkpointed):
 
     def let_out(self, particles: np.ndarray, depth: np.ndarray) -> None:
         """Particles (k,) start as deep [m] inside solids."""
-        self.penetration.let_out(particles, self.start.h_usual * depth / (PUSH * self.scan.edge))
+        self.penetration.let_out(particles, self.start.h_usual * depth / (PUSH * self.detector.edge))
 
     def look(self) -> None:
         """Contacts and pairs of cloth on its way to where it now is, and how fast it slips there."""
-        self.near = self._minded(self.scan.look(self.start.h))
+        self.near = self._minded(self.detector.look(self.start.h))
 
     def _minded(self, near: ContactCandidates) -> ContactCandidates:
         """Without pinched particles; raised particles are measured from where they are to be."""
@@ -118,20 +118,20 @@ class SolidContacts(Checkpointed):
 
     def stop_short(self) -> None:
         """The model went a part of its way only: edges and corners of solids are met as they are from there."""
-        near = replace(self.near, end_positions=self.model.read_particles()[0], pairs=self.scan.find_pairs())
+        near = replace(self.near, end_positions=self.model.read_particles()[0], pairs=self.detector.find_pairs())
         self.near = replace(near, pairs=self._minded(near).pairs)
 
     @property
     def push(self) -> float:
         """How far [m] a particle is pushed out in this step: small steps move as fast as large ones."""
-        return PUSH * self.scan.edge * self.start.share
+        return PUSH * self.detector.edge * self.start.share
 
     @property
     def touching(self) -> bool:
         """Whether anything was met when last looked."""
         return bool((self.near.vertices.gap < 0).any()) or self.near.any_pairs
 
-    def hold(self) -> float:
+    def choose_active(self) -> float:
         """Chooses the active contacts of the next solve, pins included: `active`. Returns the largest closing distance [m]."""
         f, old, start, c = self.near.vertices, self.trial, self.start, self.start.c
         where = rows_of(old.key, f.key)
@@ -153,12 +153,12 @@ class SolidContacts(Checkpointed):
         stick &= mu > 0
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
-        lift = np.clip(-f.start_gap, -down, self.push)
-        holding = hold_together(f, stick, lift, start.pins, self.model.n, self.model.exchange)
+        normal_shift = np.clip(-f.start_gap, -down, self.push)
+        holding = hold_together(f, stick, normal_shift, start.pins, self.model.n, self.model.exchange)
         if self.model.sewn is not None:
             holding = replace(holding, held=self.model.sewn.spread(holding.held, c))
-        self.active = ActiveSet(f, States(f.key, stick, force, push), slip, lift, holding)
-        return float(np.max(-lift, initial=0.0))
+        self.active = ActiveSet(f, States(f.key, stick, force, push), slip, normal_shift, holding)
+        return float(np.max(-normal_shift, initial=0.0))
 
     @property
     def held_keys(self) -> np.ndarray:
@@ -180,11 +180,11 @@ class SolidContacts(Checkpointed):
         if self.near.pairs is None:
             return rubbing
         to_go = self._to_go() if led else np.zeros_like(self.near.end_positions)
-        near = self.near.pairs.moved(to_go, PAIR * self.scan.kept_by(self.near.pairs))
+        near = self.near.pairs.moved(to_go, PAIR * self.detector.kept_by(self.near.pairs))
         self.linearized = near
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
-        self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
-                              self.adaptive_stiffness.trial.of(near.key))
+        self.pressing = linearize_repulsion(near, step, mass, self.detector.kept_by(near), self.detector.friction_of(near),
+                                            self.adaptive_stiffness.trial.of(near.key))
         return [*rubbing, self.pressing]
 
     def holds(self) -> np.ndarray:
@@ -219,12 +219,12 @@ class SolidContacts(Checkpointed):
         if self.start.pins is not None:  # no stiffness helps pairs that a script squeezes
             lost &= ~np.isin(near.vertices, self.start.pins.index).any(axis=1)
         lost = near.key[lost]
-        return self.adaptive_stiffness.bear(np.isin(taken.key, lost), taken.key, *self._borne(taken))
+        return self.adaptive_stiffness.update(np.isin(taken.key, lost), taken.key, *self._borne(taken))
 
     def _borne(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pairs (k,) of the last solve: (load [N], range [m], stiffness of their law [N/m])."""
         load = np.einsum("ki,ki->k", self.forces.pairs, taken.normal)
-        return load, PAIR * self.scan.kept_by(taken), PRESS / USUAL**2 * inertia(taken, self.model.mass)
+        return load, PAIR * self.detector.kept_by(taken), PRESS / USUAL**2 * inertia(taken, self.model.mass)
 
     def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> None:
         """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at.
@@ -241,7 +241,7 @@ class SolidContacts(Checkpointed):
         self.forces = replace(NO_FORCES, held=held)
         self._record_others(reaction, moved)
 
-    def bear(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, ContactRows]) -> int:
+    def update_pairs(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, ContactRows]) -> int:
         """Like `wanting`, after a linear solve: reaction (k, 3) on the particles that it held, motions (n, 3) [m] of all.
 
         Args:
@@ -258,7 +258,7 @@ class SolidContacts(Checkpointed):
         """Forces of pinched particles, and of pairs, in a solve that moved particles by (n, 3) [m]."""
         h = self.start.c
         if self.pinches.possible:
-            self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
+            self.pinches.record_forces(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
             self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h),
                                   at=self.linearized.of(self.near.end_positions))
@@ -281,7 +281,7 @@ class SolidContacts(Checkpointed):
         a solid that it was inside of."""
         solids, out, rows = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool), self.active.holding.rows
         solids[rows] = True
-        out[rows[self.active.lift > 0]] = True
+        out[rows[self.active.normal_shift > 0]] = True
         held = self.active.holding.held
         if held is not None:
             solids |= np.isin(held.index, self.pinches.trial.index[self.pinches.led])
@@ -311,7 +311,7 @@ class SolidContacts(Checkpointed):
     def _grow(self) -> None:
         """Pairs that started nearer than their thickness have more of it after a step."""
         if self.thickness_ramp.active and self.near.pairs is not None:
-            self.thickness_ramp.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs))
+            self.thickness_ramp.grow(self.near.pairs.vertices, self.detector.part_of(self.near.pairs))
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
@@ -320,8 +320,8 @@ class SolidContacts(Checkpointed):
         self.penetration.sought[:] = False
         self.pinches.clear()
         self.adaptive_stiffness.clear()
-        self.scan.begin()
-        self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
+        self.detector.begin()
+        self.penetration.crossed = self.penetration.before = self.detector.find_crossings()
 
     def nearest(self) -> Place | None:
         """The vertex or pair that is nearest to a solid, over the distance it should keep, where cloth was last looked at."""
@@ -331,7 +331,7 @@ class SolidContacts(Checkpointed):
             k = int(np.argmin(gap))
             places.append(Place((int(f.index[k]),), int(f.solid[k]), float(gap[k])))
         if pairs is not None and len(pairs.key):
-            gap = pairs.distance / (PAIR * self.scan.kept_by(pairs))
+            gap = pairs.distance / (PAIR * self.detector.kept_by(pairs))
             k = int(np.argmin(gap))
             particle = int(pairs.vertices[k, pairs.weights[k].argmax()])
             places.append(Place((particle,), int(pairs.solid[k]), float(gap[k])))
@@ -371,8 +371,8 @@ class SolidContacts(Checkpointed):
             at, force = np.concatenate([at, self.forces.at]), np.concatenate([force, self.forces.pairs])
             which = np.concatenate([which, self.linearized.solid])
         out = {}
-        for k, solid in enumerate(self.scan.solids):
+        for k, solid in enumerate(self.detector.solids):
             mine = which == k
-            arm = at[mine] - solid.pose(self.scan.time)[1] + self.model.origin
+            arm = at[mine] - solid.pose(self.detector.time)[1] + self.model.origin
             out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))
         return out

@@ -60,7 +60,7 @@ class LayerStep(EulerStep):
         """See `StepProblem`."""
         contacts = self.contacts
         with self.clock.part("C-S"):
-            self.held, closing = contacts.hold()
+            self.held, closing = contacts.constrain()
             self.layers.detector.paths.arrive()
             if k:
                 contacts.rebase()

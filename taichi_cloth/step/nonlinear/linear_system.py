@@ -249,7 +249,7 @@ class System:
             force[self.held.index] = self.reaction_rows() / self.dt_coefficient
         return force
 
-    def hold(self, held: Held | None, impulse: np.ndarray) -> None:
+    def replace_constraints(self, held: Held | None, impulse: np.ndarray) -> None:
         """Constraints of a step's end, and the impulses (n, 3) [N s] that balance it, replace those of the last solve."""
         self.held, self._kept, self._kept_tension = held, None, None
         if self.model.sewn is not None:

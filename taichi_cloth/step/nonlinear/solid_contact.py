@@ -115,7 +115,7 @@ class SolidStep(EulerStep):
         with self.clock.part("C-S"):
             agrees = contacts.accept(lacks, balance_reaction)
         if agrees:
-            system.hold(self.held, -lacks)
+            system.replace_constraints(self.held, -lacks)
         else:  # back to the system of the solve
             system.start_over()
             contacts.set_points()
@@ -140,7 +140,7 @@ class SolidStep(EulerStep):
         """(18) with the constraints that contacts now set."""
         system, contacts = self.system, self.system.contacts
         with self.clock.part("C-S"):
-            self.held, closing = contacts.hold(smooth=False)
+            self.held, closing = contacts.constrain(smooth=False)
             contacts.set_points()
             system.start_over()
         if contacts.crowded:

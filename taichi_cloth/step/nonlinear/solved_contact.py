@@ -84,7 +84,7 @@ class SolvedStep(StepProblem):
             if k:
                 balance.take(self.found)
                 balance.go_on(self.residual.relative <= self.enough)
-                balance.hold()
+                balance.constrain()
                 contacts.base = system.model.read_particles()
             else:
                 balance.begin()
@@ -166,7 +166,8 @@ class SolvedStep(StepProblem):
         more = r.acting / self.acting
         self.residual = r = replace(r, relative=r.relative * more, law=r.law * more)
         with self.clock.part("C-S"):
-            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began[0], self.solved[:2])
+            moved = self.contacts.base[0] - self.began[0]
+            self.pairs = self.contacts.solids.update_pairs(self.reaction, moved, self.solved[:2])
         solved = self.within(1.0) and not smoothed and not self.pairs
         if self.effort is not None:
             solved &= self.changes.enough(self.effort)
