@@ -191,7 +191,7 @@ MUTATIONS = (
     (NEARBY, "low, high = low - reach, high + reach", "low, high = low + reach, high - reach", "boxes of faces are too small",
      DRIVES),
     (NEARBY, "off > self.skin[0]", "off > 4 * self.skin[0]", "candidates serve paths too far away", SWEPT),
-    (NEARBY, "off = 2 * (self.model.x_saved[i] - self.left[i]).norm() + ", "off = ",
+    (NEARBY, "off = 2 * (self.model.x_saved[i] - self.known_start[i]).norm() + ", "off = ",
      "candidates serve paths that begin elsewhere", SWEPT),
     (NEARBY, "self.range[solid] + self.skin[0]", "self.range[solid]", "candidates are those of one path", SWEPT),
     (NEARBY, "out[k] = 1 - self.has_moved(rows[k, 0])", "out[k] = 0", "candidates of what has not moved are dropped", SWEPT),

@@ -95,7 +95,7 @@ class Contacts(Checkpointed):
             if smooth:
                 balance.go_on(self.found.residual.relative <= NEAR)
             balance.constrain()
-        self.base = self.start.begins
+        self.base = self.start.initial_iterate
         if balance.held is not None:
             self.base[0][balance.held.index] += balance.held.y
         return balance.held, closing

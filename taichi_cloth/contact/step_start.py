@@ -54,7 +54,7 @@ class StepContext:
         return coasts if self.base is None else coasts + self.base.x_offset
 
     @property
-    def begins(self) -> tuple[np.ndarray, np.ndarray]:
+    def initial_iterate(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (n, 3), of the end that the first solve begins with."""
         if self.base is None:
             return self.coasting.copy(), self.v

@@ -25,7 +25,8 @@ from ..errors import SceneError
 VERSION = 14  # of checkpoints' content
 BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
 RENAMED = {"was": "least_before", "firmness": "adaptive_stiffness", "boost": "scale", "lips": "opened_seams",
-           "foresight": "forcing_terms", "growth": "thickness_ramp", "debt": "accumulated_gain"}  # by 14
+           "foresight": "forcing_terms", "growth": "thickness_ramp", "debt": "accumulated_gain",
+           "walked": "known_end"}  # by 14
 PENETRATION = "contacts.solids.penetration"
 
 

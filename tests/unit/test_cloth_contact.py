@@ -130,7 +130,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
                 each.model.save()
                 each.paths.arrive() if leg else each.paths.begin()
                 each.model.write_particles(end, np.zeros_like(x))
-            some = 0 < d.paths.strayed_count() < 0.3 * len(x) and d.fresh
+            some = 0 < d.paths.count_deviating() < 0.3 * len(x) and d.fresh
             again += some and not leg
             falls += some and not leg and k % 3 > 0
             on += some and leg > 0 and k % 5 == 4

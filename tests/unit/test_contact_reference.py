@@ -164,7 +164,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, monkeypatch, precision, l
             d.model.write_particles(x, np.zeros_like(x))
             d.model.save()
             d.paths.begin()
-            assert d.paths.strayed_count() == 0
+            assert d.paths.count_deviating() == 0
         p = d.look()
         x = d.model.read_particles()[0].astype(float)
         rows, four = every.rows(p.pair), x[every.four]
@@ -189,7 +189,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, monkeypatch, precision, l
 
 def free_parts(d: LayerDetector) -> np.ndarray:
     """(k,) what each candidate allows of the path."""
-    d.paths.strayed_count()
+    d.paths.count_deviating()
     part = np.empty(len(d.candidates), dtype=d.exchange)
     d._free(d.candidates, d.distances, d.radii, part)
     return part.astype(float)

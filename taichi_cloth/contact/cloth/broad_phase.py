@@ -1,7 +1,7 @@
 """Which vertices and faces, edges and edges of cloth may come near each other on a path at all.
 
-A tree of swept boxes is walked, and candidates are written down, thread by thread, in lists that grow. They hold every
-pair that comes near on paths within a skin of where the particles were walked for; where some leave it, the pairs of those
+A tree of swept boxes is traversed, and candidates are written down, thread by thread, in lists that grow. They hold every
+pair that comes near on paths within a skin of those that the tree was traversed for; where some leave it, the pairs of those
 are looked for again, and only theirs. A translation that most particles have in common, as in a fall, does not count as
 leaving it: it brings nothing nearer.
 """
@@ -27,35 +27,36 @@ FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
 MANY = 0.1  # of all particles: if more were displaced by more than the skin, the translation most have in common is looked for
 SAMPLES = 256  # particles among which that is
-SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was walked for
+SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was traversed for
 
 
 @ti.data_oriented
 class Paths(Checkpointed):
-    """On which particles go from `start` to where the model is, against those for which the tree was walked.
+    """On which particles go from `start` to where the model is, against those for which the tree was traversed.
 
     A step that stops short goes on from somewhere on the path it took. Candidates for the rest of that path serve for the
     next, where that leads to the same end. `part` is how much of it lies behind.
 
     Attributes:
-        start: (n, 3) where they begin [m]; left, walked: where those began and ended on which each particle's pairs are known.
+        start: (n, 3) where they begin [m].
+        known_start, known_end: (n, 3) where those began and ended on which each particle's pairs are known [m].
         common: (3, 3) translations that most particles have in common [m], or 0: from where the rest of the known paths
-            begins to `start`, from `walked` to where the model is, and from `walked` to `start`.
-        part: of the way from left to walked at which all begin now, as nearly as one number can say; any is safe.
-        displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths, without
-            the translation in common.
-        strayed: how far [m] the paths lead from the rest of those that are known, likewise.
+            begins to `start`, from `known_end` to where the model is, and from `known_end` to `start`.
+        part: of the way from `known_start` to `known_end` at which all begin now, as nearly as one number says; any is safe.
+        displacement_now, displacement: how far [m] particles are from `known_end`, and are at most anywhere on their paths,
+            without the translation in common.
+        deviation: how far [m] the paths lead from the rest of those that are known, likewise.
         moved: whether a particle's pairs are looked for.
-        skin: [m] that a path may lead from where the tree was walked for.
+        skin: [m] that a path may lead from where the tree was traversed for.
     """
 
-    STATE = ("walked",)
+    STATE = ("known_end",)
 
     def __init__(self, fields: Fields, model: ParticleState, skin: float) -> None:
         self.model = model
         self.skin = fields.real(1, data=np.array([skin]))
-        self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
-        self.displaced_now, self.displaced, self.strayed = (fields.real(model.n) for _ in range(3))
+        self.start, self.known_start, self.known_end = (fields.real(model.n, 3) for _ in range(3))
+        self.displacement_now, self.displacement, self.deviation = (fields.real(model.n) for _ in range(3))
         self.part, self.common = fields.real(1), fields.real(3, 3)
         self.moved = fields.integer(model.n)
         self.sums = Sums(fields, model.blocks.pieces, 2, not model.blocks.serial)
@@ -67,10 +68,10 @@ class Paths(Checkpointed):
 
     @ti.kernel
     def begin(self):
-        """They begin where the model is saved, and paths before them ended where they were walked for."""
+        """They begin where the model is saved, and paths before them end where the known ones do."""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
-            self.start[i], self.left[i] = self.model.x_saved[i], self.walked[i]
+            self.start[i], self.known_start[i] = self.model.x_saved[i], self.known_end[i]
 
     @ti.kernel
     def arrive(self):
@@ -79,7 +80,7 @@ class Paths(Checkpointed):
         for i in range(self.model.rows()):
             self.start[i] = self.model.x[i]
 
-    def strayed_count(self) -> int:
+    def count_deviating(self) -> int:
         """How many particles' paths leave those on which candidates are known by more than the skin."""
         count = self._measured(np.zeros((3, 3)))
         if count > MANY * self.model.n:
@@ -89,44 +90,45 @@ class Paths(Checkpointed):
         return count
 
     def _measured(self, common: np.ndarray) -> int:
-        """Measures with the translation in common; how many have strayed."""
+        """Measures with the translation in common; how many deviate."""
         if not np.array_equal(common, self.told):
             write(self.common, common.astype(self.model.exchange))
             self.told = common
         return self._measure()
 
     def _most_common(self) -> np.ndarray:
-        """`common`, by medians of some particles; 0 where no fewer of these have strayed by that."""
+        """`common`, by medians of some particles; 0 where no fewer of these deviate by that."""
         part = self._take(self._samples, self._taken)
-        x, start, left, walked = self._taken.astype(np.float64)
-        ways = np.stack([start - left - part * (walked - left), x - walked, start - walked])
+        x, start, begun, ended = self._taken.astype(np.float64)
+        ways = np.stack([start - begun - part * (ended - begun), x - ended, start - ended])
         common = np.median(ways, axis=1)
-        strayed, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self._skin for w in (ways - common[:, None], ways))
-        return common if np.count_nonzero(strayed) < np.count_nonzero(still) else 0 * common
+        deviate, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self._skin for w in (ways - common[:, None], ways))
+        return common if np.count_nonzero(deviate) < np.count_nonzero(still) else 0 * common
 
     @ti.kernel
     def _take(self, which: ti.types.ndarray(), out: ti.types.ndarray()) -> float:
-        """Where some particles are, start, and began and ended when walked for; returns `part`."""
+        """Where some particles are, start, and the known paths began and ended; returns `part`."""
         for k in range(which.shape[0]):
             i = which[k]
             for c in ti.static(range(3)):
                 out[0, k, c], out[1, k, c] = self.model.x[i][c], self.start[i][c]
-                out[2, k, c], out[3, k, c] = self.left[i][c], self.walked[i][c]
+                out[2, k, c], out[3, k, c] = self.known_start[i][c], self.known_end[i][c]
         return self.part[0]
 
     @ti.func
     def walk(self, i, everything):
-        """Pairs of a particle are looked for on its path, if that has strayed, or `everything` is."""
-        self.moved[i] = ti.max(everything, ti.cast(self.strayed[i] > self.skin[0], ti.i32))
+        """Pairs of a particle are looked for on its path, if that deviates, or `everything` is."""
+        self.moved[i] = ti.max(everything, ti.cast(self.deviation[i] > self.skin[0], ti.i32))
         if self.moved[i] == 1:
-            self.left[i], self.walked[i] = self.start[i], self.model.x[i]
+            self.known_start[i], self.known_end[i] = self.start[i], self.model.x[i]
         else:  # moves on with the others: distances among those that stay are as they were
-            self.left[i], self.walked[i] = self.begins(i) + self.common[0], self.walked[i] + self.common[1]
+            self.known_start[i] = self.remaining_start(i) + self.common[0]
+            self.known_end[i] = self.known_end[i] + self.common[1]
 
     @ti.func
-    def begins(self, i):
+    def remaining_start(self, i):
         """The place where the rest of the path begins on which a particle's pairs are known."""
-        return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
+        return self.known_start[i] + self.part[0] * (self.known_end[i] - self.known_start[i])
 
     @ti.kernel
     def _measure(self) -> int:
@@ -135,14 +137,14 @@ class Paths(Checkpointed):
 
     @ti.func
     def measure(self):
-        """How far particles are, and begin, from where they were walked for, and from the rest of that path; how many have
-        strayed. At the top of a kernel."""
+        """How far particles are, and begin, from the known path's end, and from the rest of that path; how many
+        deviate. At the top of a kernel."""
         ti.loop_config(serialize=self.model.blocks.serial)
         for piece in range(self.model.blocks.pieces):
             along, length = 0.0, 0.0
             for i in range(self.model.blocks.first(piece), self.model.blocks.first(piece + 1)):
-                way = self.walked[i] - self.left[i]
-                along += way.dot(self.start[i] - self.left[i])
+                way = self.known_end[i] - self.known_start[i]
+                along += way.dot(self.start[i] - self.known_start[i])
                 length += way.norm_sqr()
             self.sums.of_piece[piece] = ti.Vector([along, length])
         self.sums.finish(1)
@@ -155,11 +157,11 @@ class Paths(Checkpointed):
         for piece in range(self.model.blocks.pieces):
             far = 0
             for i in range(self.model.blocks.first(piece), self.model.blocks.first(piece + 1)):
-                here = (self.model.x[i] - self.walked[i] - self.common[1]).norm()
-                there = (self.start[i] - self.walked[i] - self.common[2]).norm()
-                self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
-                self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i) - self.common[0]).norm())
-                far += ti.cast(self.strayed[i] > self.skin[0], ti.i32)
+                here = (self.model.x[i] - self.known_end[i] - self.common[1]).norm()
+                there = (self.start[i] - self.known_end[i] - self.common[2]).norm()
+                self.displacement_now[i], self.displacement[i] = here, ti.max(here, there)
+                self.deviation[i] = ti.max(here, (self.start[i] - self.remaining_start(i) - self.common[0]).norm())
+                far += ti.cast(self.deviation[i] > self.skin[0], ti.i32)
             ti.atomic_add(self._far[0], far)  # integers: in any order
 
 
@@ -170,8 +172,8 @@ class Candidates(Checkpointed):
     Attributes:
         mesh: the faces and edges that pairs are made of.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
-        left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
-        candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
+        known_start, known_end: (n, 3) where the paths began and ended that pairs were looked for on.
+        candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `known_end` [m].
         radii: (k,) the largest distances that they may have to keep [m]. These three change in place: nobody keeps a view.
         fresh: whether they cover paths near that.
     """
@@ -199,7 +201,7 @@ class Candidates(Checkpointed):
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
         how far it leads."""
-        count = self.paths.strayed_count() if self.fresh else self.model.n
+        count = self.paths.count_deviating() if self.fresh else self.model.n
         if not count:
             return
         everything = count > MOST * self.model.n
@@ -244,20 +246,20 @@ class Candidates(Checkpointed):
 
     @ti.kernel
     def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), radii: ti.types.ndarray()):
-        """Distances of candidates where they were walked for, and the largest that they may have to keep."""
+        """Distances of candidates where the known paths ended, and the largest that they may have to keep."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
-            to = ti.static(self.paths.walked)
+            to = ti.static(self.paths.known_end)
             difference, w = between(kind, to[v[0]], to[v[1]], to[v[2]], to[v[3]])
             out[k], radii[k] = difference.norm(), self.mesh.largest_radius(kind, v)
 
     @ti.func
     def may_come_near(self, kind, v):
-        """1 if a pair may come nearer than its largest radius on any path within the skin of that which is walked for, or will
+        """1 if a pair may come nearer than its largest radius on any path within the skin of those that are known, or will
         soon: a step's first solve begins with known pairs. Neighbours in the cloth's own shape have small radii, and seldom
         may."""
-        begin, end = ti.static(self.paths.left, self.paths.walked)
+        begin, end = ti.static(self.paths.known_start, self.paths.known_end)
         p, q, r, s = end[v[0]], end[v[1]], end[v[2]], end[v[3]]
         p_0, q_0, r_0, s_0 = begin[v[0]], begin[v[1]], begin[v[2]], begin[v[3]]
         speed, skins = closing(kind, p - p_0, q - q_0, r - r_0, s - s_0), 2 * self.paths.skin[0]
@@ -382,7 +384,7 @@ class Candidates(Checkpointed):
     @ti.func
     def hull(self, p, q, r):
         """Boxes of three particles where the path begins, and where it ends, as 12 numbers."""
-        a, b = ti.static(self.paths.left, self.paths.walked)
+        a, b = ti.static(self.paths.known_start, self.paths.known_end)
         low, high, low_1, high_1 = ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(
             b[p], b[q], b[r])
         return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2], low_1[0], low_1[1], low_1[2], high_1[0],

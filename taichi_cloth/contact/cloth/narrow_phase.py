@@ -75,7 +75,7 @@ class LayerDetector(Candidates):
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         if not len(self.candidates):
             return ContactPairs.none()
-        self.paths.strayed_count()
+        self.paths.count_deviating()
         while True:
             self._look(self.candidates, self.distances, self.radii, int(swept), *self.reached.arrays, self.reached.count)
             if not self.reached.grow():
@@ -108,8 +108,8 @@ class LayerDetector(Candidates):
 
     @ti.func
     def slack(self, kind, v, swept):
-        """By how much a pair's distance may differ from that where it was walked for, now or, swept, anywhere on the path."""
-        now, most = ti.static(self.paths.displaced_now, self.paths.displaced)
+        """By how much a pair's distance may differ from that on the known path, now or, swept, anywhere on the path."""
+        now, most = ti.static(self.paths.displacement_now, self.paths.displacement)
         s = ti.Vector([now[v[0]], now[v[1]], now[v[2]], now[v[3]]])
         if swept:
             s = ti.Vector([most[v[0]], most[v[1]], most[v[2]], most[v[3]]])

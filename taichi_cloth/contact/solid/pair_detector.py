@@ -24,7 +24,7 @@ from .pairs import PAIR, Pairs
 from .tree import OFF, TriangleTree
 from .vertices import HIT, carry
 
-SKIN = 0.5  # of the least thickness: how far paths may lead from those for which the tree was walked
+SKIN = 0.5  # of the least thickness: how far paths may lead from those for which the tree was traversed
 MOST = 0.5  # of all particles: if more have moved further, all pairs are looked for, between layers too
 FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
 INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair lies across the solid
@@ -61,10 +61,10 @@ class PairCandidates:
         margin = max(radius[k] + PAIR * s.thickness for k, s in tree.solids)
         self.margin = fields.real(1, data=np.array([margin]))
         self.skin = fields.real(1, data=np.array([SKIN * min(s.thickness for _, s in tree.solids)]))
-        self.left, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)  # paths for which the tree was walked
+        self.known_start, self.known_end = fields.real(model.n, 3), fields.real(model.n, 3)  # paths of the traversal
         self.moved = fields.integer(model.n)  # whether a particle's path has left them
         self.rows: np.ndarray = np.zeros((0, 2), dtype=np.int32)
-        self._refits = 0  # of the tree, when it was walked
+        self._refits = 0  # of the tree, when it was traversed
         self._room: np.ndarray = np.zeros((1024, 2), dtype=np.int32)
         self._count: np.ndarray = np.zeros(1, dtype=np.int32)
 
@@ -112,7 +112,7 @@ class PairCandidates:
         """A pair's distance at the start less its speed changes by no more than 2 |dx_0| + |dx|."""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
-            off = 2 * (self.model.x_saved[i] - self.left[i]).norm() + (self.model.x[i] - self.walked[i]).norm()
+            off = 2 * (self.model.x_saved[i] - self.known_start[i]).norm() + (self.model.x[i] - self.known_end[i]).norm()
             self.moved[i] = ti.cast(off > self.skin[0], ti.i32)
             if self.moved[i] == 1:
                 ti.atomic_add(count[0], 1)
@@ -123,7 +123,7 @@ class PairCandidates:
         for i in range(self.model.rows()):
             self.moved[i] = ti.max(self.moved[i], everything)
             if self.moved[i] == 1:
-                self.left[i], self.walked[i] = self.model.x_saved[i], self.model.x[i]
+                self.known_start[i], self.known_end[i] = self.model.x_saved[i], self.model.x[i]
 
     @ti.kernel
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
@@ -142,10 +142,10 @@ class PairCandidates:
         for f in range(self.size[0]):
             if self.has_moved(f) == 1:
                 v = self.faces[f]
-                low, high = self.walked[v[0]], self.walked[v[0]]
+                low, high = self.known_end[v[0]], self.known_end[v[0]]
                 for k in ti.static(range(3)):
-                    low = ti.min(low, self.walked[v[k]], self.left[v[k]])
-                    high = ti.max(high, self.walked[v[k]], self.left[v[k]])
+                    low = ti.min(low, self.known_end[v[k]], self.known_start[v[k]])
+                    high = ti.max(high, self.known_end[v[k]], self.known_start[v[k]])
                 reach = self.margin[0] + self.skin[0]
                 low, high = low - reach, high + reach
                 node = 1
@@ -173,17 +173,17 @@ class PairCandidates:
             if kind == EDGE_EDGE:
                 wanted = ((bits >> (3 + k)) & 1) * ((self.owned[f] >> shift) & 1)
             if wanted == 1:
-                if self.distance(kind, f, t, k, shift) - reach < self.speed(kind, f, t, k, self.left, self.walked):
+                if self.distance(kind, f, t, k, shift) - reach < self.speed(kind, f, t, k, self.known_start, self.known_end):
                     row = ti.atomic_add(count[0], 1)
                     if row < rows.shape[0]:
                         rows[row, 0], rows[row, 1] = f, PAIRS * t + pair
 
     @ti.func
     def distance(self, kind, f, t, k, shift):
-        """Distance [m] of a pair, at the start of the paths for which the tree was walked."""
+        """Distance [m] of a pair, at the start of the paths for which the tree was traversed."""
         i, j = self.ends(kind, t, k)
         v = self.faces[f]
-        x = ti.static(self.left)
+        x = ti.static(self.known_start)
         difference, w, along = of_pair(kind, self.tree.vertex(i, 0.0), self.tree.vertex(j, 0.0), x[v[shift]],
                                        x[v[(shift + 1) % 3]], x[v[(shift + 2) % 3]])
         return difference.norm()

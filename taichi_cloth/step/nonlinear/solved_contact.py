@@ -88,7 +88,7 @@ class SolvedStep(StepProblem):
                 contacts.base = system.model.read_particles()
             else:
                 balance.begin()
-                contacts.base = contacts.start.begins
+                contacts.base = contacts.start.initial_iterate
                 if balance.held is not None:
                     contacts.base[0][balance.held.index] += balance.held.y
             self.held = balance.held
