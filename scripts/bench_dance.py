@@ -212,7 +212,7 @@ def sample(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict
             sim = begin(scene, args, checkpoint)
             x, v = sim.model.read_particles()
             off = DISTURBED * np.random.default_rng(k).normal(size=x.shape)
-            sim.model.write_particles(x + (off if sim.model.sewn is None else off[sim.model.sewn.knot]), v)
+            sim.model.write_particles(x + (off if sim.model.sewn is None else off[sim.model.sewn.representative]), v)
             frames.append(frame_of(sim, round(sim.time * FPS) + 1, False))
             records += sim.log
             if args.verbose:

@@ -37,23 +37,23 @@ def noise(sim, start: int) -> np.ndarray:
     model = sim.model
     size = max(SIZE, sim.runtime.epsilon * np.abs(model.read_particles()[0]).max())  # in f32, what it can tell apart
     moved = np.random.default_rng([start, sim.vertex_count]).uniform(-size, size, (sim.vertex_count, 3))[model.user]
-    knot = _knots(model)
-    moved, held = moved[knot], sim.prescribed.held(0.0)
+    cluster = _cluster_ids(model)
+    moved, held = moved[cluster], sim.prescribed.held(0.0)
     if held is not None:
-        moved[np.isin(knot, knot[held.index])] = 0.0
+        moved[np.isin(cluster, cluster[held.index])] = 0.0
     return moved
 
 
-def _knots(model) -> np.ndarray:
+def _cluster_ids(model) -> np.ndarray:
     """(n,) one particle for all that seams join, open ones too: their sides may touch, and are to start as near."""
     from taichi_cloth.system.seams import connected
 
-    knot = np.arange(model.n)
+    cluster = np.arange(model.n)
     if model.sewn is not None:
         label = connected(model.n, model.sewn.a, model.sewn.b)
         first = np.unique(label, return_index=True)[1][int(label.min() < 0):]  # -1 is what no seam joins
-        knot[label >= 0] = first[label[label >= 0]]
-    return knot
+        cluster[label >= 0] = first[label[label >= 0]]
+    return cluster
 
 
 class Recorder:

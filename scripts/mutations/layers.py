@@ -142,8 +142,9 @@ MUTATIONS = (
     (CONTACT + "cloth/broad_phase.py", "ti.max(here, (self.start[i] - self.remaining_start(i) - self.common[0]).norm())",
      "here",
      "straying where paths begin", STRAYS),
-    (CONTACT + "cloth/broad_phase.py", "self.remaining_start(i) + self.common[0]\n            self.known_end[i] = self.known_end[i] + self.common[1]",
-     "self.remaining_start(i)", "what stays is looked for where it was before all moved", STRAYS),
+    (CONTACT + "cloth/broad_phase.py", "self.remaining_start(i) + self.common[0]\n            self.known_end[i] = "
+     "self.known_end[i] + self.common[1]", "self.remaining_start(i)",
+     "what stays is looked for where it was before all moved", STRAYS),
     (CONTACT + "cloth/broad_phase.py", "if count > MANY * self.model.n:", "if False:", "what moves as one is looked for again",
      STRAYS),
     (CONTACT + "cloth/broad_phase.py", "self.known_start[i] + self.part[0] * (self.known_end[i] - self.known_start[i])",

@@ -220,7 +220,7 @@ MUTATIONS = (
      "a solve begins with what has overflowed", FILES + "what_cannot_be_made_of_levels_is_left_out_with_a_note"),
     (DENSE, "some = values > least", "some = values < np.inf", "what cannot be solved for is",
      "tests/unit/test_dense.py::test_what_is_singular_is_inverted_where_it_is_not"),
-    (SEWN_SHAPE, "joins = knots[np.linalg.norm(rest - rest[knots], axis=1) > APART]", "joins = knots[:0]",
+    (SEWN_SHAPE, "joins = cluster_ids[np.linalg.norm(rest - rest[cluster_ids], axis=1) > APART]", "joins = cluster_ids[:0]",
      "panels that lie apart push each other off at their seam", OVER_SEAMS),
     ("taichi_cloth/contact/cloth/collision_mesh.py", "ti.min(out, self.sewn_distance[k])", "self.sewn_distance[k] + 1",
      "distances over seams do not count", OVER_SEAMS),

@@ -131,7 +131,7 @@ MUTATIONS = (
     (START, "for layered in (False, True):", "for layered in ():", "what starts near stays there", APART),
     (START, "still[fixed] = True", "still[fixed] = False", "pinned vertices are moved apart too", APART),
     (START, "group, still) > 0", "group, still) < 0", "what is moved as one takes what is pinned with it", APART),
-    (START, "self.free_of_layers(as_one(by, self.knots, still), x, still)", "as_one(by, self.knots, still)",
+    (START, "self.free_of_layers(as_one(by, self.cluster_ids, still), x, still)", "as_one(by, self.cluster_ids, still)",
      "what is moved apart from solids passes through layers", f"{APART}[box-2]"),
     (START, "if not len(near):", "if False:", "cloth that is not near is moved",
      f"{STARTS}::test_what_is_not_near_starts_as_it_was_given"),

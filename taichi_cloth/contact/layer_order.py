@@ -79,7 +79,7 @@ def put_in_order(detector: SolidCollisionDetector, model: ParticleState, scene: 
     (x, v), solid = model.read(), surface_of_solids(scene)
     still = np.zeros(model.n, dtype=bool)
     still[fixed] = True
-    knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
+    cluster_ids = np.arange(model.n) if model.sewn is None else model.sewn.representative
     moved: list[MovedOut] = []
     detector.set_time(detector.time, 0.0)
     model.save()
@@ -97,7 +97,7 @@ def put_in_order(detector: SolidCollisionDetector, model: ParticleState, scene: 
         by[rows] = there - x[rows]
         before, held = x.copy(), still.copy()
         for _ in range(2):
-            x[model.user] = before[model.user] + as_one(by[model.user], knots, held)
+            x[model.user] = before[model.user] + as_one(by[model.user], cluster_ids, held)
             model.write(x, v)
             through = detector.find_crossings()
             if len(through) <= crossed:

@@ -75,7 +75,7 @@ class _Start:
 
     def __init__(self, detector: SolidCollisionDetector, model: ParticleState, layers: Layers | None) -> None:
         self.detector, self.model, self.layers, self.v = detector, model, layers, model.read_particles()[1]
-        self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
+        self.cluster_ids = np.arange(model.n) if model.sewn is None else model.sewn.representative
         self.most = float(detector.thickness.max(initial=0.0))  # m: the largest thickness
         if layers is not None:
             self.most = max(self.most, 2 * float(layers.intersections.half.max()))
@@ -100,22 +100,22 @@ class _Start:
 
     def sewn(self, x: np.ndarray, still: np.ndarray) -> np.ndarray:
         """Positions with sewn particles near their mean put there, but for particles that are still (n,) or would cross."""
-        knots = self.knots
-        to_mean = as_one(x, knots, np.zeros(len(x), dtype=bool)) - x
+        cluster_ids = self.cluster_ids
+        to_mean = as_one(x, cluster_ids, np.zeros(len(x), dtype=bool)) - x
         far = np.zeros(len(x))
-        np.maximum.at(far, knots, np.where(still, np.inf, np.linalg.norm(to_mean, axis=1)))
+        np.maximum.at(far, cluster_ids, np.where(still, np.inf, np.linalg.norm(to_mean, axis=1)))
         near = (far > 0) & (far < NEAREST * self.most)
-        there = np.where(near[knots][:, None], x + to_mean, x)
+        there = np.where(near[cluster_ids][:, None], x + to_mean, x)
         if self.layers is not None and near.any():
             tangles = self.layers.intersections
             for _ in range(TOGETHER):
                 tangles.look(there)
                 edges, rows = tangles.found
-                at = knots[np.concatenate([edges.ravel(), tangles.faces[rows].ravel()])]
+                at = cluster_ids[np.concatenate([edges.ravel(), tangles.faces[rows].ravel()])]
                 if not near[at].any():
                     break
                 near[at] = False
-                there = np.where(near[knots][:, None], x + to_mean, x)
+                there = np.where(near[cluster_ids][:, None], x + to_mean, x)
         self.model.write_particles(there, self.v)
         return there
 
@@ -133,14 +133,14 @@ class _Start:
             by, lacks = self.shift(layered)
             if lacks < ENOUGH:
                 break
-            by = self.free_of_layers(as_one(by, self.knots, still), x, still)
+            by = self.free_of_layers(as_one(by, self.cluster_ids, still), x, still)
             for _ in range(TOGETHER):
                 model.write_particles(x + by, self.v)
                 through = detector.find_crossings()
                 if len(through) <= crossed:
                     break
                 still[through] = True
-                by = as_one(by, self.knots, still)
+                by = as_one(by, self.cluster_ids, still)
             else:
                 break
             x = x + by
@@ -184,7 +184,7 @@ class _Start:
             if part == 1:
                 return by
             four = np.concatenate([four, detector.particles_of(blocking)])
-            by = as_one(by, _joined(four, self.knots), still)
+            by = as_one(by, _joined(four, self.cluster_ids), still)
         self.model.write_particles(x + by, self.v)
         detector.cover()
         return by * detector.collision_free_step()[0]
@@ -197,12 +197,12 @@ def as_one(by: np.ndarray, group: np.ndarray, still: np.ndarray) -> np.ndarray:
     return np.where(stays[:, None], 0.0, mean)[group]
 
 
-def _joined(four: np.ndarray, knots: np.ndarray) -> np.ndarray:
+def _joined(four: np.ndarray, cluster_ids: np.ndarray) -> np.ndarray:
     """(n,) a number for each group of particles in rows (k, 4) with particles in common; particles sewn together are one."""
-    group, before = knots.copy(), None
+    group, before = cluster_ids.copy(), None
     while before is None or (group != before).any():
         before = group.copy()
         np.minimum.at(group, four, group[four].min(axis=1)[:, None])
-        np.minimum.at(group, knots, group)
-        group = np.minimum(group, group[knots])
+        np.minimum.at(group, cluster_ids, group)
+        group = np.minimum(group, group[cluster_ids])
     return group

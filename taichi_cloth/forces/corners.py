@@ -10,7 +10,7 @@ class Corners:
     """Rooms as arrays: corners, room by room, in the order of their particles.
 
     Attributes:
-        knot: (n,) the particle that stands for each corner's knot.
+        cluster: (n,) the particle that stands for each corner's cluster.
         first, ring: of each corner the rows of `ring`, (r, 2) the other two corners of its faces, counterclockwise.
         share: row k blocks + b: the corners of room k from which on block b has its share of sums.
         own: the same for rows of `part`: (m, 2) particle of block b, and its corner; weight: (m,) of the particle in it.
@@ -18,14 +18,14 @@ class Corners:
 
     def __init__(self, model: ParticleState, rooms: list[Enclosure]) -> None:
         bounds, clusters = model.blocks.bounds, model.sewn
-        knot = np.arange(model.n) if clusters is None else clusters.knot
-        members = np.bincount(knot, minlength=model.n)
-        order = np.argsort(knot, kind="stable")  # particles, knot by knot
-        begins = np.searchsorted(knot[order], np.arange(model.n + 1))
-        knots, rings, counts, parts, share, own = [], [], [], [], [], []
+        cluster = np.arange(model.n) if clusters is None else clusters.representative
+        members = np.bincount(cluster, minlength=model.n)
+        order = np.argsort(cluster, kind="stable")  # particles, cluster by cluster
+        begins = np.searchsorted(cluster[order], np.arange(model.n + 1))
+        cluster_ids, rings, counts, parts, share, own = [], [], [], [], [], []
         corners = mine = 0
         for room in rooms:
-            faces = knot[model.particle[room.faces]]
+            faces = cluster[model.particle[room.faces]]
             here, index = np.unique(faces, return_inverse=True)
             index = index.reshape(faces.shape) + corners
             turns = np.concatenate([index, np.roll(index, -1, axis=1), np.roll(index, -2, axis=1)])
@@ -40,9 +40,9 @@ class Corners:
             count = len(bounds) - 1
             share.append(corners + len(here) * np.arange(count) // count)
             own.append(mine + np.searchsorted(rows[:, 0], bounds[:-1]))
-            knots.append(here)
+            cluster_ids.append(here)
             corners, mine = corners + len(here), mine + len(rows)
-        self.knot, self.ring, self.part = np.concatenate(knots), np.concatenate(rings), np.concatenate(parts)
+        self.cluster, self.ring, self.part = np.concatenate(cluster_ids), np.concatenate(rings), np.concatenate(parts)
         self.first = np.cumsum([0, *np.concatenate(counts)])
         self.share, self.own = np.append(np.concatenate(share), corners), np.append(np.concatenate(own), mine)
-        self.weight = 1 / members[self.knot[self.part[:, 1]]]
+        self.weight = 1 / members[self.cluster[self.part[:, 1]]]

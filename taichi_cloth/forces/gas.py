@@ -44,8 +44,8 @@ LEAST = 1e-3  # of V_0, below which isothermal gas is a spring: no N/V is infini
 class Gas(Force, Checkpointed):
     """Gas in the closed volumes ("rooms") of a scene.
 
-    A knot is a cluster of particles sewn together, or a particle that is not sewn. A corner is a knot of a room; a particle is
-    part of the corners of its knot.
+    A cluster is a set of particles sewn together, or a particle that is not sewn. A corner is a cluster of a room; a particle
+    is part of the corners of its cluster.
 
     Attributes:
         rooms: the closed pieces; known: (V_0, p_0) of inflations, by their keys, as they were found when they began.
@@ -64,21 +64,21 @@ class Gas(Force, Checkpointed):
         self.sum_type = ti.f64 if model.exchange is np.float64 else ti.f32
         self.sews = model.sewn is not None
         blocks, of = model.blocks.count, Corners(model, self.rooms)
-        self.size = fields.integer(2, data=np.array([len(of.knot), len(self.rooms)]))
-        self.knot = fields.integer(len(of.knot), data=of.knot)
+        self.size = fields.integer(2, data=np.array([len(of.cluster), len(self.rooms)]))
+        self.cluster = fields.integer(len(of.cluster), data=of.cluster)
         self.begin = fields.integer(len(of.first), data=of.first)
         self.ring = fields.integer(len(of.ring), 2, of.ring)
         self.share = fields.integer(len(of.share), data=of.share)
         self.own = fields.integer(len(of.own), data=of.own)
         self.part = fields.integer(len(of.part), 2, of.part)
         self.weight = fields.real(len(of.part), data=of.weight)
-        self.at, self.g = fields.real(len(of.knot), 3), fields.real(len(of.knot), 3)
+        self.at, self.g = fields.real(len(of.cluster), 3), fields.real(len(of.cluster), 3)
         self.device = not model.blocks.serial
         self.volume = Sums(fields, blocks, 3, self.device, len(self.rooms), self.sum_type)  # V, its rate, its change as moved
         self.law = fields.real(len(self.rooms), 4, dtype=self.sum_type)  # kind and parameters, see `_row`
         self.state = fields.real(len(self.rooms), 6, dtype=self.sum_type)  # V, its rate, its change, p, -p', E
         self._law = np.zeros((len(self.rooms), 4))
-        self._members = np.column_stack([of.knot[of.part[:, 1]], of.part[:, 0]])  # a corner's particle, and one sewn to it
+        self._members = np.column_stack([of.cluster[of.part[:, 1]], of.part[:, 0]])  # a corner's particle, and one sewn to it
         self._room_of = np.searchsorted(of.own[::blocks], np.arange(len(of.part)), side="right") - 1
         self._area = sum(room.area for room in self.rooms)
 
@@ -112,7 +112,7 @@ class Gas(Force, Checkpointed):
         """(rooms,) whether any corner of a room has lost a particle that was sewn to it."""
         out: np.ndarray = np.zeros(len(self.rooms), dtype=bool)
         if self.sews:
-            now = self.model.sewn.knot
+            now = self.model.sewn.representative
             out[np.unique(self._room_of[now[self._members[:, 0]] != now[self._members[:, 1]]])] = True
         return out
 
@@ -228,8 +228,8 @@ class Gas(Force, Checkpointed):
 
     @ti.func
     def place(self, j, q: ti.template()):
-        """q of corner j's knot."""
-        i = self.knot[j]
+        """q of corner j's cluster."""
+        i = self.cluster[j]
         out = q[i]
         if ti.static(self.sews):
             out = self.model.sewn.mean(i, q)

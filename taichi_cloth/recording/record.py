@@ -139,7 +139,7 @@ def _face_groups(cloths: list[Cloth]) -> dict[str, np.ndarray]:
 def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
     """Seams and panels: parts of cloths that hang together without seams, named by the group that has just their vertices."""
     sewn = np.arange(sim.vertex_count)
-    sewn[sim.model.user] = sim.model.user[sim.model.sewn.knot]
+    sewn[sim.model.user] = sim.model.user[sim.model.sewn.representative]
     panel, names = [], []
     for cloth in sim.scene.cloths:
         mesh = cloth.mesh

@@ -83,7 +83,7 @@ class Coarse(Checkpointed):
         self.node, self.weight = fields.integer(n, self.width, level.node), fields.real(n, self.width, level.weight)
         self.p, self.q = fields.real(n, 3), fields.real(n, 3)
         self.inverse = fields.real(self.count**2, 9)
-        self.couples = coupled(level, faces, jacobi.sewn.knot)
+        self.couples = coupled(level, faces, jacobi.sewn.representative)
         self.colors = colored(self.couples)
         self.hats = Hats(level, jacobi.sewn)
         self._picked: np.ndarray = np.zeros(self.count, dtype=np.int32)

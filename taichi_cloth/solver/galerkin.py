@@ -77,17 +77,17 @@ class Hats:
         self._first = np.searchsorted(key // self.count, np.arange(n + 1))
 
 
-def coupled(level: Level, faces: np.ndarray, knot: np.ndarray) -> np.ndarray:
+def coupled(level: Level, faces: np.ndarray, cluster: np.ndarray) -> np.ndarray:
     """(count, count) whether Q^T A Q may have a block between two nodes: their hats meet particles within RINGS of each
     other, over seams too.
 
     Args:
-        knot: (n,) one particle for all that are sewn together.
+        cluster: (n,) one particle for all that are sewn together.
     """
     here = np.zeros((len(level.node), level.count), dtype=bool)
     for node, weight in zip(level.node.T, level.weight.T):
-        here[knot[weight > 0], node[weight > 0]] = True
-    wide, corner = here.copy(), knot[faces]
+        here[cluster[weight > 0], node[weight > 0]] = True
+    wide, corner = here.copy(), cluster[faces]
     for _ in range(RINGS):
         touched = wide[corner].any(axis=1)
         for k in range(3):

@@ -38,10 +38,10 @@ def enclosures(scene: Scene) -> list[Enclosure]:
     Raises:
         SceneError: a piece that is open, has one side only, or shares faces with another.
     """
-    x, knot = np.concatenate([c.positions for c in scene.cloths]), knots(scene)
+    x, cluster = np.concatenate([c.positions for c in scene.cloths]), cluster_ids(scene)
     at = np.zeros_like(x)  # of all that are sewn together, the mean
-    np.add.at(at, knot, x)
-    at /= np.maximum(np.bincount(knot, minlength=len(x)), 1)[:, None]
+    np.add.at(at, cluster, x)
+    at /= np.maximum(np.bincount(cluster, minlength=len(x)), 1)[:, None]
     out: list[Enclosure] = []
     taken = np.zeros((0, 3), dtype=np.int64)
     for inflation in scene.pieces:
@@ -51,7 +51,7 @@ def enclosures(scene: Scene) -> list[Enclosure]:
         mine = rows + inflation.cloth.start
         if len(np.unique(both := np.concatenate([taken, mine]), axis=0)) < len(both):
             raise SceneError(f"inflate: {inflation.name!r} has faces that are inflated already")
-        taken, faces = both, knot[mine]
+        taken, faces = both, cluster[mine]
         between = _between(faces)
         mine, faces = mine[between], faces[between]
         if not len(faces):
@@ -68,7 +68,7 @@ def enclosures(scene: Scene) -> list[Enclosure]:
     return out
 
 
-def knots(scene: Scene) -> np.ndarray:
+def cluster_ids(scene: Scene) -> np.ndarray:
     """(n,) one vertex for all that are sewn together, itself where nothing is sewn."""
     pairs = [(s.a + s.cloth.start, s.b + s.cloth.start) for s in scene.seams]
     a, b = (np.concatenate([np.zeros(0, dtype=np.int64), *(p[k] for p in pairs)]) for k in (0, 1))

@@ -77,7 +77,7 @@ class Clusters:
         return self.label[self.member]
 
     @property
-    def knot(self) -> np.ndarray:
+    def representative(self) -> np.ndarray:
         """(n,) one particle of each cluster for all of them; itself where nothing is sewn."""
         out = np.arange(self.model.n)
         out[self.member] = self.member[self.first[self._cluster]]

@@ -498,9 +498,9 @@ def test_what_starts_crossed_is_counted_named_and_pulled_apart():
                                                      (30, [3 * k for k in range(10)], True)])
 def test_a_tangle_is_as_large_as_what_crosses_away_from_seams(crossings, sewn, firmer):
     """Of 20 crossings without a sewn corner at most, it is led twice as firmly after a usual step. One edge crosses all."""
-    knots = np.arange(99)
-    knots[sewn] = 98
-    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), knots=knots,
+    cluster_ids = np.arange(99)
+    cluster_ids[sewn] = 98
+    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), cluster_ids=cluster_ids,
                            around=lambda some: some)
     tangles = Intersections(99, mesh, "untangle")
     tangles.edges = np.tile([95, 96], (crossings, 1))

@@ -349,6 +349,7 @@ class Candidates(Checkpointed):
     @ti.func
     def against(self, f, g, chunk, count, rows: ti.template()):
         """Writes down the pairs of two faces that may come near; returns how many the chunk now has."""
+        of = ti.static(self.mesh.cluster)
         if self.mesh.can_meet(f, g):
             reach = self.reach_of(f, g)
             for way in range(2):
@@ -357,7 +358,7 @@ class Candidates(Checkpointed):
                     a, b = g, f
                 for k in range(self.mesh.first_vertex[a], self.mesh.first_vertex[a + 1]):
                     v, c = self.mesh.own_vertex[k], self.mesh.face[b]
-                    u, c_0, c_1, c_2 = self.mesh.knot[v], self.mesh.knot[c[0]], self.mesh.knot[c[1]], self.mesh.knot[c[2]]
+                    u, c_0, c_1, c_2 = of[v], of[c[0]], of[c[1]], of[c[2]]
                     four = ti.Vector([v, c[0], c[1], c[2]])
                     if u != c_0 and u != c_1 and u != c_2 and self.stirs(four):
                         if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
@@ -367,7 +368,7 @@ class Candidates(Checkpointed):
             for p in range(self.mesh.first_edge[f], self.mesh.first_edge[f + 1]):
                 for q in range(self.mesh.first_edge[g], self.mesh.first_edge[g + 1]):
                     c, d = self.mesh.edge[p], self.mesh.edge[q]
-                    c_0, c_1, d_0, d_1 = self.mesh.knot[c[0]], self.mesh.knot[c[1]], self.mesh.knot[d[0]], self.mesh.knot[d[1]]
+                    c_0, c_1, d_0, d_1 = of[c[0]], of[c[1]], of[d[0]], of[d[1]]
                     four = ti.Vector([c[0], c[1], d[0], d[1]])
                     if c_0 != d_0 and c_0 != d_1 and c_1 != d_0 and c_1 != d_1 and self.stirs(four):
                         if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:

@@ -25,8 +25,8 @@ class CollisionMesh:
     Attributes:
         faces: (m, 3) particles, in an order that keeps neighbours together; edges: (e, 2), in the order of their faces.
         spacing: median length of the edges [m].
-        half_thickness: (n,) [m]; knots: (n,) the same number for particles that are sewn together.
-        face, edge, half, knot: the same as fields; cloth: (m,) of each face; size: m and e, as kernels read them.
+        half_thickness: (n,) [m]; cluster_ids: (n,) the same number for particles that are sewn together.
+        face, edge, half, cluster: the same as fields; cloth: (m,) of each face; size: m and e, as kernels read them.
         own_vertex: vertices in the order of faces that speak for them: face f for those from first_vertex[f] to
             first_vertex[f + 1], and for the edges from first_edge[f] to first_edge[f + 1].
     """
@@ -57,18 +57,18 @@ class CollisionMesh:
         self.half_thickness = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
                                               for c in scene.cloths])[model.user]
         self.half = fields.real(model.n, data=self.half_thickness)
-        self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
-        self.knot = fields.integer(model.n, data=self.knots)
+        self.cluster_ids = np.arange(model.n) if model.sewn is None else model.sewn.representative
+        self.cluster = fields.integer(model.n, data=self.cluster_ids)
         self.sews, self.over_seams = model.sewn is not None, False
         if self.sews:
-            self.joined = fields.integer(model.n, data=self.knots)  # particles that were one in the beginning
+            self.joined = fields.integer(model.n, data=self.cluster_ids)  # particles that were one in the beginning
             self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `OpenedSeams`
             self._keep_sewn_shape(fields, given)
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)
 
     def _keep_sewn_shape(self, fields: Fields, given: np.ndarray) -> None:
-        found = sewn_distances(given, self.edges, self.knots, 4 * float(self.half_thickness.max()))
+        found = sewn_distances(given, self.edges, self.cluster_ids, 4 * float(self.half_thickness.max()))
         self.over_seams = found is not None
         if found is not None:
             self.sewn_first, self.sewn_to = (fields.integer(len(a), data=a) for a in (found.first, found.to))
@@ -106,10 +106,10 @@ class CollisionMesh:
         """Thickness [m] of the two layers of a pair with particles v."""
         return self.half[v[0]] + self.half[v[3]]
 
-    def set_knots(self, knots: np.ndarray) -> None:
+    def set_cluster_ids(self, cluster_ids: np.ndarray) -> None:
         """Sets the particles that are sewn together from now on."""
-        self.knots = knots
-        write(self.knot, knots.astype(np.int32))
+        self.cluster_ids = cluster_ids
+        write(self.cluster, cluster_ids.astype(np.int32))
 
     def set_grown(self, grown: np.ndarray) -> None:
         """Sets the distance [m] that particles keep from those they were sewn to."""

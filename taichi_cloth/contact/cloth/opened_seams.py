@@ -61,21 +61,21 @@ class OpenedSeams(Checkpointed):
     def grow(self, apart: np.ndarray) -> None:
         """Particles are so far (n,) [m] from those they were sewn to. Sides that cross, from when they were in one place, and
         their neighbours are one surface until they do not."""
-        knots, most = self.mesh.knots, 2 * self.mesh.half_thickness
+        cluster_ids, most = self.mesh.cluster_ids, 2 * self.mesh.half_thickness
         faces = self.mesh.faces[self.short[self.mesh.faces].any(axis=1)]
         edges, rows = self_crossings(self.model.read_particles()[0], faces)
         self.grown = np.minimum(np.maximum(self.grown, apart), most)
         if len(rows):
             near: np.ndarray = np.zeros(self.model.n, dtype=bool)
-            near[knots[edges]], near[knots[faces[rows]]] = True, True
-            self.grown = np.where(self.mesh.around(near[knots]) & self.short, 0.0, self.grown)
+            near[cluster_ids[edges]], near[cluster_ids[faces[rows]]] = True, True
+            self.grown = np.where(self.mesh.around(near[cluster_ids]) & self.short, 0.0, self.grown)
         self.mesh.set_grown(self.grown)
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
-        knots, label = np.arange(self.model.n), connected(self.model.n, self.a[self.together], self.b[self.together])
+        cluster_ids, label = np.arange(self.model.n), connected(self.model.n, self.a[self.together], self.b[self.together])
         sewn = np.flatnonzero(label >= 0)
         _, first = np.unique(label[sewn], return_index=True)
-        knots[sewn] = sewn[first][label[sewn]]
-        self.mesh.set_knots(knots)
+        cluster_ids[sewn] = sewn[first][label[sewn]]
+        self.mesh.set_cluster_ids(cluster_ids)
         self.mesh.set_grown(self.grown)

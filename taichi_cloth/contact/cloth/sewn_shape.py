@@ -27,20 +27,20 @@ class SewnDistances:
     distance: np.ndarray
 
 
-def sewn_distances(rest: np.ndarray, edges: np.ndarray, knots: np.ndarray, most: float) -> SewnDistances | None:
+def sewn_distances(rest: np.ndarray, edges: np.ndarray, cluster_ids: np.ndarray, most: float) -> SewnDistances | None:
     """Distances of less than `most` [m] along edges between places near seams whose sides lie apart; None where there are
     none.
 
     Args:
         rest: (n, 3) the cloth's own shape [m]; edges: (e, 2) particles.
-        knots: (n,) the same number, a particle's, for particles that are sewn together.
+        cluster_ids: (n,) the same number, a particle's, for particles that are sewn together.
     """
-    joins = knots[np.linalg.norm(rest - rest[knots], axis=1) > APART]
+    joins = cluster_ids[np.linalg.norm(rest - rest[cluster_ids], axis=1) > APART]
     if not len(joins):
         return None
     length = np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     near: dict[int, list[tuple[int, float]]] = {}
-    for (i, j), d in zip(knots[edges[length < most]].tolist(), length[length < most].tolist()):
+    for (i, j), d in zip(cluster_ids[edges[length < most]].tolist(), length[length < most].tolist()):
         near.setdefault(i, []).append((j, d))
         near.setdefault(j, []).append((i, d))
     rows = {i: _within(near, [i], most) for i in _within(near, joins.tolist(), most) if i in near}

@@ -108,11 +108,11 @@ class Intersections(Checkpointed):
         `among` as in `look`."""
         some = np.arange(len(self.faces)) if among is None else np.flatnonzero(among[self.faces].any(axis=1))
         edges, rows = self_crossings(x, self.faces[some])
-        knots = self.mesh.knots
+        cluster_ids = self.mesh.cluster_ids
         rows = some[rows]
         meet = self.mesh.may_meet(self._faces_of(edges)[:, 0], rows)
         edges, rows = edges[meet], rows[meet]
-        return edges, rows, (knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
+        return edges, rows, (cluster_ids[edges][:, :, None] == cluster_ids[self.faces[rows]][:, None, :]).any(axis=(1, 2))
 
     def commit(self, h: float = 0.0, share: float = 0.0) -> None:
         """The next step begins where cloth was last looked at, h [s] later; that was so much of a usual step."""
@@ -130,7 +130,7 @@ class Intersections(Checkpointed):
         out, four = np.zeros(self.n, dtype=bool), np.column_stack([self.edges, self.faces[self.rows]])
         if len(four):
             one = components(self.n, four[:, :1].repeat(4, axis=1).ravel(), four[:, 1:].ravel())[four[:, 0]]
-            sewn = np.bincount(self.mesh.knots)[self.mesh.knots] > 1
+            sewn = np.bincount(self.mesh.cluster_ids)[self.mesh.cluster_ids] > 1
             out[four[np.bincount(one, ~sewn[four].any(axis=1))[one] <= FEW]] = True
         return out
 
