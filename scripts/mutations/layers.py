@@ -70,7 +70,7 @@ MUTATIONS = (
      "energy falls inwards", LAW),
     (CONTACT + "cloth/barrier.py", "energy += most * ti.log(low / b)", "energy += 0.5 * most * ti.log(low / b)",
      "energy of what is pressed", LAW),
-    (CONTACT + "cloth/pair_kernels.py", "PRESS = 12.0", "PRESS = 120.0", "pairs ten times as stiff", SOLVES),
+    (CONTACT + "cloth/pair_kernels.py", "REPULSION = 12.0", "REPULSION = 120.0", "pairs ten times as stiff", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "STOP = 30.0", "STOP = 3.0", "approaches stopped by a tenth", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "CREEP = 2e-5", "CREEP = 2e-3", "friction viscous to higher slips", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "slip += offset\n", "slip += 0 * offset\n", "friction begins anew each step", SOLVES),

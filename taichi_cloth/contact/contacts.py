@@ -131,7 +131,7 @@ class Contacts(Checkpointed):
         """Assesses the contacts of a linear solve. Returns whether they agree with its solution.
 
         Args:
-            reaction: (k, 3) [N s] on the held particles, in `hold`'s order.
+            reaction: (k, 3) [N s] on the held particles, in `constrain`'s order.
             inertia: (n,) as `System.inertia`, of the system that was solved.
             left: norm [N s] of that solve's residual, where it is not to be made smaller: contacts need not be more exact
                 than that.
@@ -203,7 +203,7 @@ class Contacts(Checkpointed):
         """Work on the motion of the step [J], which ends at x with v (n, 3): of friction that slides on solids, of edges and
         corners of solids."""
         h, moved, solids = self.start.c, x - self.base[0], self.solids
-        return solids.rubbing.work(moved, h, h * v), solids.pressing.work(moved, h, h * v)
+        return solids.rubbing.work(moved, h, h * v), solids.repulsion.work(moved, h, h * v)
 
     def between_layers(self, x: np.ndarray) -> np.ndarray:
         """(n, 3) [N] of cloth on cloth on each particle in the last solve, which ended at x (n, 3)."""
@@ -216,7 +216,7 @@ class Contacts(Checkpointed):
         """Terms of friction, pairs and springs in the incremental potential [J] where the model now is, as the last solve
         took them."""
         moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
-        points = [*([self.between] if self.sprung else []), solids.rubbing, solids.pressing]
+        points = [*([self.between] if self.sprung else []), solids.rubbing, solids.repulsion]
         return sum(p.potential(moved, h) for p in points)
 
     def commit(self) -> None:

@@ -87,8 +87,8 @@ class Force(ABC):
         Writes into columns of the report from `base`: its energies [J], half the power it dissipates [W], the rate at which
         its energies grow [W], and its `extremes`. A force without energies has the power that it takes in place of the rate.
 
-        With `linearizes`, for an `Operator` `to`: b += c f, or c (f + K motion) with `moves`. It then keeps the block of
-        -c D - c^2 K, and adds its diagonal to P.
+        With `linearizes`, for an `Operator` `to`: b += c f, or c (f + K `to.rhs_displacement`) with `moves`. It
+        then keeps the block of -c D - c^2 K, and adds its diagonal to P.
 
         Where the model's `over` is not 0, damping is an energy of a step of so many seconds: k_d/(2 over) (C - C_0)^2, C_0 of
         the saved state, kept at the first call in such a step, the one with `moves`. Else, and for forces without a condition

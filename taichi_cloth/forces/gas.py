@@ -280,7 +280,7 @@ class Gas(Force, Checkpointed):
                  dtype: ti.template()):
         """Energy [J] in column `base`, no dissipation, the rate at which the energy grows [W]: the first block's.
 
-        With `linearizes`, b += c (f + K motion), P += -c^2 p' dV dV^T; keeps where that is."""
+        With `linearizes`, b += c (f + K `to.rhs_displacement`), P += -c^2 p' dV dV^T; keeps where that is."""
         energy, rate = ti.cast(0, dtype), ti.cast(0, dtype)
         if block == 0:
             for k in range(self.size[1]):

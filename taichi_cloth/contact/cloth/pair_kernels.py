@@ -16,7 +16,7 @@ from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
-PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that resting layers lie as near
+REPULSION = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that resting layers lie as near
 STOP = 30.0  # the same of the stop of an approach, h this step
 CONE = 1.02  # times the most that friction can be, above which a damped pair slides; with 1 a sheet at 60 m/s takes 42 steps
 # for 40 (five starts), `twist` 190 solves for 184, `layers` 121 for 128
@@ -56,7 +56,7 @@ class PairKernels:
                 light += weights[k, a] ** 2 / self.model.m[vertices[k, a]]
                 more = ti.max(more, boost[vertices[k, a]])
             own = 1 / ti.max(light, 1e-30)
-            stiff = ti.static(PRESS / USUAL**2) * own * factor[k] * more
+            stiff = ti.static(REPULSION / USUAL**2) * own * factor[k] * more
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
             counts = self.turn(pair[k, 2], vertices, k, n, end[k], rotation_coupling)
@@ -113,10 +113,10 @@ class PairKernels:
                 speed = ti.min(speed, slipped[k] / STIFFER)
             drag = bears / ti.max(speed, CREEP)
             out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
-            ahead = n.dot(moved)
-            across = moved - ahead * n - way.dot(moved) * way
+            normal_step = n.dot(moved)
+            across = moved - normal_step * n - way.dot(moved) * way
             rub = c / h * drag  # slip is the step's mean
-            push = c * (force + slope * (at - began - ahead)) * n - rub * across - c * bears * way
+            push = c * (force + slope * (at - began - normal_step)) * n - rub * across - c * bears * way
             push -= c * drag * (offset - offset.dot(way) * way)
             for a in ti.static(range(3)):
                 out[WAY + a, k], out[OFFSET + a, k] = way[a], offset[a]

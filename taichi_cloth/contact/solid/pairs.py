@@ -20,7 +20,7 @@ from ...system.checkpoint import Checkpointed
 from ..points import EYE, ContactRows, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): distance that edges and faces of cloth keep
-PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
+REPULSION = 100.0  # stiffness of a pair over mass / h^2, h the largest step
 LEAST = 0.42  # of a pair's range: a nearer end takes another round; a fifth of the thickness
 LOST = 0.3  # of a pair's range: nearer is not accepted
 SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, between layers too: loads settle as fast
@@ -111,7 +111,7 @@ def linearize_repulsion(p: Pairs, step: Step, mass: np.ndarray, thickness: np.nd
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
-    k (r - d_0)^2/4(d - d_0) below, with k = PRESS m/h^2, h = USUAL whatever the step: it bears resting cloth. A pair that
+    k (r - d_0)^2/4(d - d_0) below, with k = REPULSION m/h^2, h = USUAL whatever the step: it bears resting cloth. A pair that
     comes nearer in this step than it was is stopped by as much again, of this step's own h, and given no speed by it.
 
     Args:
@@ -124,24 +124,24 @@ def linearize_repulsion(p: Pairs, step: Step, mass: np.ndarray, thickness: np.nd
     room = (1 - LEAST) * r
     u = np.maximum((p.distance - LEAST * r) / room, SHALLOW)
     d = LEAST * r + u * room
-    stiff = PRESS * own / USUAL**2
+    stiff = REPULSION * own / USUAL**2
     far = u >= 0.5
     f = stiff * room * np.where(far, 1 - u, 1 / (4 * u))
     k = stiff * np.where(far, 1.0, 1 / (4 * u**2))
-    ahead = np.einsum("ki,ki->k", p.normal, p.point - p.of(step.x))
-    f0 = f + k * (ahead + d - p.distance)
-    stop = PRESS * own / h**2
+    normal_step = np.einsum("ki,ki->k", p.normal, p.point - p.of(step.x))
+    f0 = f + k * (normal_step + d - p.distance)
+    stop = REPULSION * own / h**2
     kept = (BARELY + (KEPT - BARELY) * min(1.0, h / step.h_usual)) * r
     began = p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried)
     limit = np.clip(began - SETTLING * h * r, kept, r)
     nearing = p.distance < limit
-    f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
+    f0 += np.where(nearing, stop * (limit - p.distance + normal_step), 0.0)
     k = k + np.where(nearing, stop, 0.0)
     if firm is not None:
         least = (BARELY + (CLOSE - BARELY) * min(1.0, h / step.h_usual)) * r
         limit = np.clip(began - SETTLING * h * r, least, CLOSE * r)
         firm = np.where(np.minimum(p.distance, began) < HELD * r, firm, 0.0)
-        f0 += firm * (limit - p.distance + ahead)
+        f0 += firm * (limit - p.distance + normal_step)
         k = k + firm
     slip = np.linalg.norm(tangential((p.point - p.carried) / h, p.normal), axis=1)
     drag = c * friction * f / np.maximum(slip, DRAG_SLIP)

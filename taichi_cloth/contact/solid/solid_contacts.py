@@ -22,7 +22,7 @@ from ...system.state import ParticleState
 from ..points import ContactRows, rows_of
 from ..step_start import StepContext
 from .active_set import ActiveSet, States, hold_together
-from .pairs import PAIR, PRESS, LoadStiffness, Pairs, Step, inertia, linearize_repulsion
+from .pairs import PAIR, REPULSION, LoadStiffness, Pairs, Step, inertia, linearize_repulsion
 from .penetration import Penetration
 from .pinch import Flypaper
 from .query import ContactCandidates, SolidCollisionDetector
@@ -60,7 +60,7 @@ class SolidContacts(Checkpointed):
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         pinned: (n,) whether all directions of a particle are held anyway: solids hold nothing there.
-        near: contacts and pairs when last looked; active: contacts that the last solve held; sliding, linearized, pressing:
+        near: contacts and pairs when last looked; active: contacts that the last solve held; sliding, linearized, repulsion:
             friction, pairs and their points as it took them; forces: of all these.
         unsettled: contacts that do not agree with the last solve, where solves ended before all did.
     """
@@ -80,7 +80,7 @@ class SolidContacts(Checkpointed):
         self.pinned = np.zeros(model.n, dtype=bool)
         self.near = ContactCandidates(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
-        self.sliding, self.pressing, self.forces = Sliding(), ContactRows.none(), NO_FORCES
+        self.sliding, self.repulsion, self.forces = Sliding(), ContactRows.none(), NO_FORCES
         self.linearized: Pairs | None = None
 
     @property
@@ -183,9 +183,9 @@ class SolidContacts(Checkpointed):
         near = self.near.pairs.moved(to_go, PAIR * self.detector.kept_by(self.near.pairs))
         self.linearized = near
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
-        self.pressing = linearize_repulsion(near, step, mass, self.detector.kept_by(near), self.detector.friction_of(near),
-                                            self.adaptive_stiffness.trial.of(near.key))
-        return [*rubbing, self.pressing]
+        self.repulsion = linearize_repulsion(near, step, mass, self.detector.kept_by(near), self.detector.friction_of(near),
+                                             self.adaptive_stiffness.trial.of(near.key))
+        return [*rubbing, self.repulsion]
 
     def holds(self) -> np.ndarray:
         """(n,) whether the last solve held a particle at a solid."""
@@ -208,9 +208,9 @@ class SolidContacts(Checkpointed):
     def wanting(self) -> int:
         """Pairs of edges that the last solve left nearer than they should be, or that get another stiffness after it."""
         inside = self.penetration.inside(self.near.vertices, self.held_keys)
-        return self.penetration.left(self.near, inside, self.linearized)[0] + self._bear()
+        return self.penetration.left(self.near, inside, self.linearized)[0] + self._update_stiffness()
 
-    def _bear(self) -> int:
+    def _update_stiffness(self) -> int:
         """Raises the stiffness of pairs that the last solve left too near, drops that of pairs that pull; how many changed."""
         taken, near = self.linearized, self.near.pairs
         if taken is None or near is None:
@@ -219,12 +219,12 @@ class SolidContacts(Checkpointed):
         if self.start.pins is not None:  # no stiffness helps pairs that a script squeezes
             lost &= ~np.isin(near.vertices, self.start.pins.index).any(axis=1)
         lost = near.key[lost]
-        return self.adaptive_stiffness.update(np.isin(taken.key, lost), taken.key, *self._borne(taken))
+        return self.adaptive_stiffness.update(np.isin(taken.key, lost), taken.key, *self._loads(taken))
 
-    def _borne(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _loads(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pairs (k,) of the last solve: (load [N], range [m], stiffness of their law [N/m])."""
         load = np.einsum("ki,ki->k", self.forces.pairs, taken.normal)
-        return load, PAIR * self.detector.kept_by(taken), PRESS / USUAL**2 * inertia(taken, self.model.mass)
+        return load, PAIR * self.detector.kept_by(taken), REPULSION / USUAL**2 * inertia(taken, self.model.mass)
 
     def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> None:
         """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at.
@@ -247,11 +247,11 @@ class SolidContacts(Checkpointed):
         Args:
             solved: the pairs that it took, and their points.
         """
-        now = self.linearized, self.pressing
-        self.linearized, self.pressing = solved
+        now = self.linearized, self.repulsion
+        self.linearized, self.repulsion = solved
         self._record_others(reaction, moved)
         wanting = self.wanting()
-        self.linearized, self.pressing = now
+        self.linearized, self.repulsion = now
         return wanting
 
     def _record_others(self, reaction: np.ndarray, moved: np.ndarray) -> None:
@@ -260,7 +260,7 @@ class SolidContacts(Checkpointed):
         if self.pinches.possible:
             self.pinches.record_forces(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
-            self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h),
+            self.forces = replace(self.forces, pairs=self.repulsion.forces(moved, h),
                                   at=self.linearized.of(self.near.end_positions))
 
     def ends_deep(self) -> bool:
@@ -297,7 +297,7 @@ class SolidContacts(Checkpointed):
             self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
         if self.linearized is not None:
-            self.adaptive_stiffness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
+            self.adaptive_stiffness.commit(self.linearized.key, *self._loads(self.linearized), self.start.share)
         self._grow()
 
     def pass_by(self) -> None:

@@ -109,7 +109,7 @@ class SolidStep(EulerStep):
         solids = contacts.solids
         if solids.wanting():
             return False
-        keep = solids.linearized, solids.pressing, contacts.base
+        keep = solids.linearized, solids.repulsion, contacts.base
         _, lacks, balance_reaction = forces_at_end(system, self.c, self.held, self.c if system.base is None else 0.0)
         contacts.base = keep[2]
         with self.clock.part("C-S"):
@@ -120,7 +120,7 @@ class SolidStep(EulerStep):
             system.start_over()
             contacts.set_points()
             system.linearize_first(self.c, self.held)
-        solids.linearized, solids.pressing = keep[:2]
+        solids.linearized, solids.repulsion = keep[:2]
         return agrees
 
     def relax(self) -> None:

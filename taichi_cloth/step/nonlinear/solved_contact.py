@@ -127,7 +127,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.reaction = system.reaction_rows()
             self.solve_impulses = solids.active.holding.forces(solids.active.contacts, self.reaction)
-            self.solved, self.began = (solids.linearized, solids.pressing, solids.sliding), contacts.base
+            self.solved, self.began = (solids.linearized, solids.repulsion, solids.sliding), contacts.base
         with self.clock.part("EVAL"):
             self.changes.add(self.c * system.rms_change())
             if k:
@@ -211,7 +211,7 @@ class SolvedStep(StepProblem):
         contacts, system, solids = self.contacts, self.system, self.contacts.solids
         with self.clock.part("C-S"):
             solids.trial = self.balance.next_states(self.found)
-            solids.linearized, solids.pressing, solids.sliding = self.solved
+            solids.linearized, solids.repulsion, solids.sliding = self.solved
             contacts.base = self.began
             solids.record_forces(self.reaction, self.began[0])
             r, solved = self.residual, self.within(1.0) and not self.pairs
