@@ -108,12 +108,14 @@ def test_a_checkpoint_of_versions_before_is_understood():
 def test_names_of_version_13_are_read_as_they_are_now():
     """Those of contacts and methods; forces and particles keep theirs."""
     old = {"contacts.layers.was": 1, "contacts.layers.firmness.boost": 2, "contacts.solids.growth.part": 3,
-           "contacts.foresight.rounds": 4, "integrator.accurate.debt": 5, "force.Own.0.was": 6, "particles.boost": 7}
+           "contacts.foresight.rounds": 4, "integrator.accurate.debt": 5, "force.Own.0.was": 6, "particles.boost": 7,
+           "contacts.layers.detector.paths.walked": 8}
     now = understood({"version": np.array(13), **old}, "safe", ["Own.0"])
     assert now.pop("version") == VERSION == 14
     assert list(now) == ["contacts.layers.least_before", "contacts.layers.adaptive_stiffness.scale",
                          "contacts.solids.thickness_ramp.part", "contacts.forcing_terms.rounds",
-                         "integrator.accurate.accumulated_gain", "force.Own.0.was", "particles.boost"]
+                         "integrator.accurate.accumulated_gain", "force.Own.0.was", "particles.boost",
+                         "contacts.layers.detector.paths.known_end"]
     assert list(now.values()) == list(old.values())
 
 
