@@ -83,8 +83,8 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
         raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from versions {BEFORE} to "
                          f"{VERSION}")
     state = {_now(key): array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
-    pairs = len(state.get("contacts.layers.kept.key", ()))
-    if pairs:  # 14 added friction, of pinched particles too
+    if "contacts.layers.kept.key" in state:  # 14 added friction, of pinched particles too
+        pairs = len(state["contacts.layers.kept.key"])
         state |= {"contacts.layers.kept.friction": np.zeros((pairs, 3)), "contacts.layers.kept.slip": np.full(pairs, np.inf)}
     if "contacts.solids.pinches.accepted.index" in state:
         pinched = len(state["contacts.solids.pinches.accepted.index"])

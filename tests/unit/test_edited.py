@@ -125,3 +125,12 @@ def test_what_version_13_did_not_keep_of_pinched_cloth():
     now = understood({"version": np.array(13), spared: np.array([0.0, 0.1, 0.0])}, "safe", [])
     assert now["contacts.solids.penetration.sought"].tolist() == [False, True, False]
     assert now["contacts.solids.penetration.across"].tolist() == [False] * 3 and len(now) == 4
+
+
+@pytest.mark.parametrize("pairs", [0, 2])
+def test_friction_that_version_13_did_not_keep_is_none(pairs):
+    old = {"contacts.layers.kept.key": np.arange(pairs), "contacts.solids.pinches.accepted.index": np.arange(3)}
+    now = understood({"version": np.array(13), **old}, "safe", [])
+    friction, slip = (now[f"contacts.layers.kept.{name}"] for name in ("friction", "slip"))
+    assert friction.shape == (pairs, 3) and not friction.any() and slip.shape == (pairs,) and np.isinf(slip).all()
+    assert now["contacts.solids.pinches.accepted.friction"].shape == (3, 3)
