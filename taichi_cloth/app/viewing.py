@@ -39,7 +39,7 @@ def run(args: argparse.Namespace, read: Callable[[], SceneFile], options_of: Cal
 
 
 def _source(args: argparse.Namespace, scene: SceneFile, options: RunOptions):
-    """Of the scene with any of its parameters."""
+    """The page's source: the scene, made with any of its parameters."""
     from ..live.parameters import Parameter, parameters
     from ..live.view import Made
     from ..options import Options

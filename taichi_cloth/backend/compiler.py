@@ -110,7 +110,7 @@ def told() -> dict[str, str]:
 
 
 def version(language: Any) -> str:
-    """Of a compiler, for records: Taichi's alone, that of a fork after its name."""
+    """A compiler's version for records: Taichi's is the number alone, that of a fork follows its name."""
     number = ".".join(map(str, language.__version__))
     return number if chosen().name == DEFAULT else f"{chosen().name} {number}"
 

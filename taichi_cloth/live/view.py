@@ -97,7 +97,7 @@ def view(what: Scene | Simulation, *, host: str = HOST, port: int | None = None,
 
 
 def _source(what: object, options: dict[str, Any]) -> Source:
-    """Of a scene or a simulation."""
+    """The page's source: a scene or a simulation."""
     from ..scene.scene import Scene
 
     if isinstance(what, Scene):

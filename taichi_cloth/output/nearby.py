@@ -21,7 +21,7 @@ class Nearby:
 
 
 def nearby(geometry: Frame, frame: Frame, push: np.ndarray | None) -> Nearby:
-    """Of a recorded frame.
+    """Where solids and layers are near in a recorded frame.
 
     Args:
         push: (n, 3) forces of solids [N], or None.

@@ -125,7 +125,7 @@ def draw(pair: Pair, sides: Sides, file: pathlib.Path, count: int) -> None:
 
 
 def _scale(width: int) -> int:
-    """Of the letters under a column so wide [pixels]."""
+    """Scale of the letters under a column of this width [pixels]."""
     return max(1, width // 240)
 
 
@@ -175,7 +175,7 @@ def files_at(to: pathlib.Path | None, run: pathlib.Path, movie: bool) -> tuple[p
 
 
 def _kind() -> str:
-    """Of films: the format that installed packages can write."""
+    """The format of films that installed packages can write."""
     try:
         encoder()
     except OutputError:
