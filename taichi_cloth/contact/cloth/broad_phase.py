@@ -38,8 +38,7 @@ class Paths(Checkpointed):
     next, where that leads to the same end. `part` is how much of it lies behind.
 
     Attributes:
-        start: (n, 3) where they begin [m].
-        known_start, known_end: (n, 3) where those began and ended on which each particle's pairs are known [m].
+        start, known_start, known_end: (n, 3) [m] where they begin, and where those began and ended whose pairs are known.
         common: (3, 3) translations that most particles have in common [m], or 0: from where the rest of the known paths
             begins to `start`, from `known_end` to where the model is, and from `known_end` to `start`.
         part: of the way from `known_start` to `known_end` at which all begin now, as nearly as one number says; any is safe.

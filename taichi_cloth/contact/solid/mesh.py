@@ -114,11 +114,7 @@ class SurfaceDetector:
                             pierced = 1
                         if s < when and (side > 0 or info[2] == 0):
                             when, solid_hit, hit = s, info[0], t
-                            w_s, gone, normal_s = self.tree.closest(t, a + s * (b - a), s)
-                            n_hit = side * normal_1
-                            if gone.norm() > 1e-3 * thick:  # round an edge too, turned as the face turns
-                                n_hit = (gone.normalized() + side * (normal_1 - normal_s)).normalized()
-                            at_hit = self.tree.point(t, w_s, 1.0) + thick * n_hit
+                            n_hit, at_hit = self.plane(t, a + s * (b - a), s, side * normal_1, side, thick)
             node = self.tree.boxes.following(node)
             if node == 1:
                 break
@@ -138,6 +134,16 @@ class SurfaceDetector:
         if solid >= 0 and self.tree.info[triangle][1] == OFF:
             solid = -1
         return solid, triangle, n, at, moved
+
+    @ti.func
+    def plane(self, t, q, s, normal, side, thick):
+        """(normal, point) of the plane, at the end, of triangle t and a point q that comes within its thickness at s, on a
+        side where its normal ends as `normal`. Edges are round, and turn as the face turns."""
+        w, gone, normal_s = self.tree.closest(t, q, s)
+        n = normal
+        if gone.norm() > 1e-3 * thick:
+            n = (gone.normalized() + (normal - side * normal_s)).normalized()
+        return n, self.tree.point(t, w, 1.0) + thick * n
 
     @ti.func
     def meeting(self, t, a, b, d, thick):
