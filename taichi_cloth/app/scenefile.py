@@ -262,7 +262,7 @@ def read(scene: str) -> SceneFile:
     except Exception as error:
         raise SceneError(f"{path} does not run: {said(error, str(path))}") from error
     if not hasattr(module, "build"):
-        raise SceneError(f"{path} has no build() that returns a Scene")
+        raise SceneError(f"{path} has no build() that returns a Scene: put the scene in `def build() -> tc.Scene:`")
     return of_module(module.build, module)
 
 
