@@ -203,7 +203,7 @@ class PairKernels:
         Friction of a sliding pair has its full size, against that direction. Friction of one that sticks is a damping by its
         last slip: it never pushes backwards, and bounds friction's work from above. A pair slides once the damping is more
         than Coulomb's bound. It sticks again when its slip reverses. Slip counts from that at which friction would be what it
-        was at the end of the last step: what sticks does not creep.
+        was at the end of the last step: pairs that stick do not creep.
         """
         way = 0 * slip
         if row >= 0 and bears > 0:

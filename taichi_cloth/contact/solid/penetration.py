@@ -98,8 +98,8 @@ class Penetration(Checkpointed):
         return (near.pairs.distance < LEAST * PAIR * self.detector.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
 
     def may_shrink(self, start: StepContext, near: ContactCandidates, held: np.ndarray, linearized: Pairs | None) -> bool:
-        """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is: not next to what is
-        pinched, either, which draws its neighbours along."""
+        """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is. Steps that go
+        wrong beside pinched cloth, which draws its neighbours along, are taken."""
         if not start.small:
             return True
         faces, beside = self.detector.faces, ~self.minded

@@ -301,7 +301,7 @@ class Flypaper(Checkpointed):
     def rub(self, start: StepContext, there: np.ndarray, v: np.ndarray) -> ContactRows:
         """Friction of the surfaces on both sides, with where particles are expected at the end, there (n, 3) [m], in a solve
         that begins with velocities v (n, 3) [m/s]: a damping F / max(|u|, CREEP) along them, u the expected slip. It counts
-        from that at which friction would be what it was at the end of the last step: what is held does not creep."""
+        from that at which friction would be what it was at the end of the last step: pinched cloth does not creep."""
         f, c = self.contacts, start.c
         if len(f.index):
             bearable = self._bearable()
