@@ -12,6 +12,7 @@ from ..output.camera import ground_height
 from ..output.described import view_of
 from ..output.framing import fit_all
 from ..output.look import Heat
+from ..recording.expected import expected
 from ..scene.view import camera_at
 from .seen import Building, Opening, Scale, Seen
 from .session import Session
@@ -108,10 +109,12 @@ def opening(session: Session, title: str) -> Opening:
     """The `Opening` of a page of the session."""
     geometry = session.geometry
     x = np.concatenate([geometry["x"], geometry["solid_x"]])
-    view = view_of(geometry)
-    camera = fit_all([x], view.reach, ASPECT) if view.camera is None else camera_at(view.camera, 0.0)
+    view, to_come = view_of(geometry), [frame["x"] for frame in expected(session.scene, 0.0)]
+    camera = fit_all([x, *to_come], view.reach, ASPECT) if view.camera is None else camera_at(view.camera, 0.0)
     middle = (x.min(axis=0) + x.max(axis=0)) / 2
-    middle[1] = ground_height(x, view)
+    cloth, solid = (min(float(part[:, 1].min(initial=np.inf)) for part in parts)
+                    for parts in (to_come, [geometry["solid_x"]]))
+    middle[1] = ground_height(x, view, cloth - view.reach, solid)
     return Opening(title, session.source.parameters, session.source.again, session.scene.air is not None, tuple(camera.eye),
                    tuple(camera.target), tuple(camera.up), camera.fov, tuple(middle.tolist()),
                    float(np.linalg.norm(np.ptp(x, axis=0))))

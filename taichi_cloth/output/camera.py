@@ -7,6 +7,7 @@ import numpy as np
 from ..scene.view import Camera, View
 
 NEAR = 1e-3  # part of the distance to the target in front of which nothing is drawn
+BELOW = 0.05  # of the size of all that there is: room between it and a ground that nothing stands on
 DIRECTION = (0.55, 0.3, 1.0)  # from where a fitted camera looks
 SIDES = {"front": (0.0, 0.25, 1.0), "back": (0.0, 0.25, -1.0), "left": (-1.0, 0.25, 0.0), "right": (1.0, 0.25, 0.0)}
 
@@ -53,9 +54,16 @@ def frame(camera: Camera) -> Frame:
                  0.5 / np.tan(np.radians(camera.fov) / 2), NEAR * distance)
 
 
-def ground_height(x: np.ndarray, view: View) -> float:
-    """Height of the ground [m]: the view's, or below all points x (n, 3) [m] by the view's reach and more."""
+def ground_height(x: np.ndarray, view: View, cloth: float = np.inf, solid: float = np.inf) -> float:
+    """Height of the ground [m]: the view's; else that of the lowest solid, where no cloth comes lower; else below all.
+
+    Args:
+        x: (n, 3) first positions [m]; the ground is below them by the view's reach and by BELOW of their size.
+        cloth, solid: the lowest that these are at any time [m], if known.
+    """
     if view.ground is not None:
         return view.ground
+    if np.isfinite(solid) and solid <= cloth:
+        return solid
     low, high = x.min(axis=0), x.max(axis=0)
-    return float(low[1] - view.reach - 0.05 * np.linalg.norm(high - low))
+    return float(min(low[1] - view.reach, cloth, solid) - BELOW * np.linalg.norm(high - low))

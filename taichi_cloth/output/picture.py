@@ -34,6 +34,9 @@ class Artist:
         frames: gives the frames of the whole motion, or expected ones: the ground is below all of them.
         fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` if None.
 
+    Attributes:
+        fitted: whether the camera is fitted; sought: whether the ground is placed below all of `frames`.
+
     Raises:
         SceneError: the look names a cloth that is not there.
     """
@@ -195,14 +198,14 @@ class Artist:
                 fits: Callable[[], Iterable[Frame]] | None) -> View:
         """The view with a ground, and with a camera that has all frames that it fits in its picture where it has none.
 
-        The ground touches solids where they are the lowest of all that there is in any frame; else it is below.
+        The ground touches solids where they are the lowest of all that there is in any frame; else it is below all frames.
         """
         n = len(self.geometry["x"])
         cloth, solid = (float(x[:, 1].min(initial=np.inf)) for x in (first[:n], first[n:]))
-        cloth, ground, sets = cloth - view.reach, ground_height(first, view), [first]
-        stands = view.ground is None and view.drawn_floor != "none" and solid <= cloth
+        cloth, sets = cloth - view.reach, [first]
+        self.sought = floor = view.ground is None and view.drawn_floor != "none"
         with contextlib.nullcontext() if self.fitted else contextlib.suppress(OutputError):  # said where it is drawn
-            for frame in frames() if frames and (self.fitted or stands) else ():
+            for frame in frames() if frames and (self.fitted or floor) else ():
                 x = self._all_of(frame, first[:0])
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
@@ -210,8 +213,7 @@ class Artist:
                     sets.append(x - self._followed(frame))
             if fits is not None and self.fitted:
                 sets = [self._all_of(frame, first[n:]) - self._followed(frame) for frame in fits()]
-        if view.ground is None:
-            view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)
+        view = replace(view, ground=ground_height(first, view, cloth, solid))
         fit = fit_round if self.look.orbit else fit_all
         way = SIDES[self.look.camera] if isinstance(self.look.camera, str) else DIRECTION
         return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1], way)) if self.fitted else view

@@ -40,24 +40,27 @@ class Framing:
     """Counts the pictures that have not all of the cloth in them.
 
     Attributes:
-        drawn: frames so far; cut: those of them.
+        drawn: frames so far; cut: those of them; sunk: those with cloth below the ground.
     """
 
     def __init__(self, artist: Artist) -> None:
-        self.artist, self.drawn, self.cut = artist, 0, 0
+        self.artist, self.drawn, self.cut, self.sunk = artist, 0, 0, 0
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
 
     def see(self, frame: dict[str, np.ndarray]) -> None:
         """A frame that is drawn."""
         self.drawn += 1
         self.cut += not self.artist.sees(frame)
+        self.sunk += bool((frame["x"][:, 1] < self.artist.renderer.ground).any())
         self._low = frame["x"].min(axis=0, initial=np.inf).clip(max=self._low)
         self._high = frame["x"].max(axis=0, initial=-np.inf).clip(min=self._high)
 
     def note(self, path: object) -> str | None:
-        """A note on cloth that the camera cuts off in a run's folder, and the way out; None if the scene's own camera does."""
+        """A note on cloth that the camera cuts off in a run's folder, or that comes below a ground that was placed before the
+        run, and the way out; None if the scene's own camera or ground does that."""
         if not self.cut or not (self.artist.fitted or self.artist.look.camera):
-            return None
+            return (f"cloth came below the ground of the picture in {self.sunk} of {self.drawn} frames: `taichi-cloth render "
+                    f"{path}` draws them with a ground below all of them") if self.sunk and self.artist.sought else None
         if self.artist.fitted:
             return (f"cloth left the picture in {self.cut} of {self.drawn} frames: `taichi-cloth render {path}` draws them "
                     "through a camera that fits all of them")

@@ -17,7 +17,7 @@ def expected(scene: Scene, last: float, first: float = 0.0) -> Iterator[dict[str
     Solids and led vertices are at the places of their functions. A cloth follows a motion that leads it as a whole. Held cloth
     hangs down by its length from there; free cloth falls to the ground, if there is one.
     """
-    x = np.concatenate([c.positions for c in scene.cloths])
+    x = np.concatenate([np.zeros((0, 3)), *(c.positions for c in scene.cloths)])
     solids = drawn_solids(scene)
     grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
     moving = any(s.moves for s in solids)

@@ -104,7 +104,7 @@ class View:
     Args:
         camera: one, or cameras by time [s], such as {0: Camera(...), 2: Camera(...)}; None fits one.
         ground: height [m] of the ground; None takes that of a level plane that stays. Else it touches the lowest solid, if
-            nothing comes lower in all frames; else it is some way below all of them.
+            nothing comes lower in all frames; else it is below all of them, by a twentieth of the size at the start.
         reach: room [m] that the cloth will need round its first shape, for the fitted camera.
         floor: the ground: "checker", "plain", "shadow" (nothing but the shadows on it), "none", or a colour. None is
             "none" where the background is transparent, "plain" in the lights "studio" and "soft", "checker" elsewhere.

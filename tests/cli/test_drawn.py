@@ -50,6 +50,17 @@ def test_a_run_draws_what_was_asked_and_says_that_cloth_was_cut(fallen, capsys):
     assert "cloth left the picture in 1 of 1 frames" in said and "taichi-cloth render" in said
 
 
+def test_a_run_says_that_cloth_came_below_the_ground_of_its_pictures(fallen, capsys):
+    """Which was placed before, by a scene that names a camera and no ground: drawn again, the ground is below all frames."""
+    scene = fallen.parent / "seen.py"
+    scene.write_text(SCENE.replace("tc.Scene()", "tc.Scene(view=tc.View(tc.Camera((1, 1, 2), (0, 0, 0))))"))
+    assert cli.main(["run", str(scene), "--out", str(fallen.parent / "seen"), *SMALL, "--fps", "30", "--duration", "0.3",
+                     "--frames", "0:9:9"]) == 0
+    assert "below the ground of the picture in 1 of 2 frames" in capsys.readouterr().err
+    assert cli.main(["render", str(fallen.parent / "seen"), *SMALL]) == 0
+    assert "below the ground" not in "".join(capsys.readouterr())
+
+
 @pytest.mark.parametrize("flags, count", [
     ([], 10), (["--frames", "7:9"], 3), (["--frames", "9"], 1), (["--frames", "8:9", "--speed", "0.5"], 3)])
 def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path, flags, count):

@@ -26,7 +26,9 @@ from taichi_cloth.live.parameters import Parameter, parameters
 from taichi_cloth.live.seen import Opening, Scale, Seen
 from taichi_cloth.live.session import ASKED, added
 from taichi_cloth.live.shapes import BANDS, Shapes, points
+from taichi_cloth.live.teller import opening
 from taichi_cloth.live.words import last_step
+from taichi_cloth.output.camera import frame
 from taichi_cloth.output.look import Heat
 from taichi_cloth.recording import record
 from taichi_cloth.recording.why import lasting
@@ -371,6 +373,21 @@ def test_every_scene_is_shown_before_taichi_is_imported():
             teller(Session(Made(lambda changed: scene.make(dict(scene.small)), Options()), teller))
             assert len(told[1].x) and told[1].preview and "taichi" not in sys.modules, name"""
     subprocess.run([sys.executable, "-c", program], timeout=60, check=True)
+
+
+@pytest.mark.parametrize("camera", [None, tc.Camera((2.0, 0.5, 3.0), (0.5, -0.5, 0.0))])
+def test_a_page_begins_with_room_for_cloth_that_will_hang(camera):
+    """Its ground is below, and a fitted camera sees the lowest corner where it will hang."""
+    scene = tc.Scene(view=tc.View(camera))
+    cloth = scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(0.2, tc.Stretch(100)))
+    scene.pin(cloth, "top_left")
+    lowest = cloth.positions[cloth.mesh.select("top_left")] - [0, np.sqrt(2), 0]
+    geometry = record.as_built(scene)
+    source = types.SimpleNamespace(parameters=(), again=True)
+    opened = opening(types.SimpleNamespace(scene=scene, geometry=geometry, source=source), "a sheet")
+    assert opened.middle[1] == pytest.approx(-np.sqrt(2) - 0.05 * np.sqrt(2))
+    at = frame(tc.Camera(opened.eye, opened.target, opened.fov)).project(lowest, 130, 100)
+    assert (at[0, :2] > 0).all() and (at[0, :2] < (130, 100)).all()
 
 
 def test_without_air_there_is_no_wind_to_add():

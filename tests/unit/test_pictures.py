@@ -68,6 +68,17 @@ def test_the_ground_touches_what_stands_on_it(sim, camera):
     assert ground((1.0, 0.1)) < -0.9
 
 
+@pytest.mark.parametrize("camera", [None, AHEAD])
+def test_the_ground_is_below_cloth_of_all_frames(camera):
+    """By a twentieth of the size at the start: cloth that hangs down later does not go through it."""
+    scene = tc.Scene(view=View(camera))
+    scene.add_cloth(tc.grid(1.0, 2), FABRIC)
+    g = record.as_built(scene)
+    frames = [{"x": g["x"] - [0, lower, 0]} for lower in (0.3, 2.0, 0.0)]
+    assert Artist(g, SIZE, Look(), lambda: frames).renderer.ground == pytest.approx(-2 - 0.05 * np.sqrt(2))
+    assert Artist(g, SIZE, Look()).renderer.ground == pytest.approx(-0.05 * np.sqrt(2))
+
+
 def test_names_of_colours():
     image_color = pytest.importorskip("PIL.ImageColor")
     assert len(colornames.NAMES) == 148

@@ -315,9 +315,8 @@ def _lowest(meshes: list[Mesh], view: View) -> float:
     """Height [m] of the ground below all meshes at all frames, as pictures have it: solids that are the lowest stand on it."""
     low = {kind: min((float(x[:, 1].min()) for m in meshes if m.kind == kind for x in m.x), default=np.inf)
            for kind in ("cloth", "solid")}
-    cloth, solid = low["cloth"] - view.reach, low["solid"]
     first = np.concatenate([mesh.position(0) for mesh in meshes]).astype(np.float64)
-    return solid if solid <= cloth else min(ground_height(first, view), cloth, solid)
+    return ground_height(first, view, low["cloth"] - view.reach, low["solid"])
 
 
 def _ground(height: float, meshes: list[Mesh], view: View, camera: Camera, wide: float) -> Mesh:
