@@ -75,6 +75,11 @@ def near(path: object) -> str:
     return f"; did you mean {str(place.parent / found[0])!r}?" if found else ""
 
 
+def many(count: int, noun: str) -> str:
+    """A count with its noun: "1 step", "3 steps"."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 def shown(value: object, most: int = 60) -> str:
     """A value as a message shows it: its repr, shortened; an object whose repr fails by its class."""
     try:

@@ -84,7 +84,7 @@ def stop(whole: pathlib.Path, folder: pathlib.Path, root: pathlib.Path) -> None:
     lines = (folder / "telemetry.jsonl").read_bytes().splitlines(keepends=True)
     (folder / "telemetry.jsonl").write_bytes(b"".join(x for x in lines if json.loads(x)["t"] < STOPPED / 20 + 1e-9))
     manifest = json.loads((folder / "manifest.json").read_text())
-    of_the_end = ("checksum", "summary", "simulated_s", "wall_s", "output_seconds")
+    of_the_end = ("checksum", "summary", "simulated_s", "wall_s", "output_seconds", "steps_before")
     running = {k: v for k, v in manifest.items() if k not in of_the_end}
     running |= {"status": "running", "frames": [0, None]}
     (folder / "manifest.json").write_text(json.dumps(running | {"checksum": manifest_sum(running)}))

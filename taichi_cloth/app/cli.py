@@ -135,7 +135,7 @@ def _run(args: argparse.Namespace, scene) -> int:
     sim, start = _simulated(scene, options)
     from .summary import describe
 
-    print(describe(sim, time.perf_counter() - started, start))
+    print(describe(sim, time.perf_counter() - started, start, options.out, args.verbose))
     if options.out:
         from ..output.recording import Recording
 
@@ -311,6 +311,7 @@ def _run_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", help="folder for manifest, telemetry and images")
     parser.add_argument("--size", type=size_of, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
     parser.add_argument("--no-images", action="store_true", help="write no images")
+    parser.add_argument("-v", "--verbose", action="store_true", help="with numbers of the solver in the last lines")
     parser.add_argument("--overwrite", action="store_true", help="remove another run's files from the folder")
     parser.add_argument("--no-frames", action="store_true", help="keep no positions: no rendering again, no export")
     parser.add_argument("--checkpoint-every", type=int, default=10, metavar="N", help="frames (10); 0 writes no checkpoints")

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from ..backend.timing import compiling
+from ..errors import many
 from ..simulation import Simulation
 
 Show = Callable[[Simulation, int], None]
@@ -137,8 +138,8 @@ def _state(sim: Simulation, left: str, room: int = 1000) -> str:
     if not sim.last:
         return f"{BUILDING}, {UNKNOWN}"
     last, rejected = sim.last, sim.tally.rejections.total()
-    parts = [f"{sim.time:.3f} s simulated", left, f"{rejected} steps tried again" if rejected else "",
-             f"step {last.h * 1e3:.3g} ms", f"{last.iterations} iterations"]
+    parts = [f"{sim.time:.3f} s simulated", left, f"{many(rejected, 'step')} tried again" if rejected else "",
+             f"step {last.h * 1e3:.3g} ms", many(last.iterations, "iteration")]
     parts = [part for part in parts if part]
     while len(", ".join(parts)) > room and len(parts) > 1:
         parts.pop()

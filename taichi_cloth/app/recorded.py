@@ -73,6 +73,7 @@ def _add_exports(commands) -> None:
 
 def _render(args: argparse.Namespace) -> int:
     from .. import checks
+    from ..errors import many
     from ..output.recording import Recording
     from ..recording.drawing import Extras, numbers_in
     from ..recording.playback import Films, render, warn_inside
@@ -92,7 +93,8 @@ def _render(args: argparse.Namespace) -> int:
     files = render(recording, folder, args.size, look, numbers, Films(args.sheet, args.apng, args.mp4), extras)
     for note in recording.notes:
         print(f"note: {note}", file=sys.stderr)
-    print(f"{len(files)} files in {folder}/, the last {files[-1].name}")
+    last = f", the last {files[-1].name}" if len(files) > 1 else f": {files[0].name}"
+    print(f"{many(len(files), 'file')} in {folder}/{last}")
     return 0
 
 
@@ -148,7 +150,7 @@ def _diff(args: argparse.Namespace) -> int:
     from ..recording.resuming import differences
 
     first, second = map(Recording, args.runs)
-    skip = ["started", "wall_s", "output_seconds", "simulated_s", "frames"]
+    skip = ["started", "wall_s", "output_seconds", "steps_before", "simulated_s", "frames"]
     skip += ["path"] * (first.manifest.get("source") == second.manifest.get("source"))  # of one scene, named in another way
     lines = differences({k: v for k, v in first.manifest.items() if k not in skip},
                         {k: v for k, v in second.manifest.items() if k not in skip})

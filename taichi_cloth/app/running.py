@@ -77,7 +77,7 @@ def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manife
     if folder is None:
         yield None
         return
-    outcome, writer = "interrupted", None
+    outcome, writer, earlier = "interrupted", None, len(before)
     try:
         folder.write_manifest({**manifest, "status": "running", "frames": None if first is None else [first, None]})
         writer = Writer(folder, sim, options, resumed, first, run_of(manifest), before)
@@ -97,7 +97,8 @@ def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manife
                 sim.watchers.remove(writer.steps.append)
             folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
                                    "simulated_s": sim.time, "wall_s": round(time.perf_counter() - began, 3),
-                                   "summary": summary(sim), "output_seconds": writer.seconds if writer else {}})
+                                   "steps_before": earlier, "summary": summary(sim),
+                                   "output_seconds": writer.seconds if writer else {}})
 
 
 def _said(error: Exception) -> str:

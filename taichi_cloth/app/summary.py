@@ -7,11 +7,14 @@ from dataclasses import asdict, fields
 import numpy as np
 
 from .. import __version__
+from ..errors import many
+from ..recording.reasons import refused, usual
 from ..simulation import Simulation
 from ..step.integrators.safe import TOUCH
 from ..step.ledger import Work
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
+MANY = 0.25  # part of them with inexact contact that is no reason to change anything
 
 
 def summary(sim: Simulation) -> dict:
@@ -61,8 +64,8 @@ def _damps(sim: Simulation) -> str:
     count, steps = sim.tally.fallbacks.total() - sim.tally.fallbacks[TOUCH], sim.tally.steps
     if count <= FELL_BACK * steps:
         return ""
-    return (f"note: {count} of {steps} steps were too large for their motion, and taken by backward Euler, which "
-            "damps it: a smaller h follows it\n")
+    return (f"note: {count} of {steps} steps were too large for their motion, which damps it visibly: a smaller --h follows "
+            "it\n")
 
 
 def _doubt(sim: Simulation) -> str:
@@ -71,18 +74,50 @@ def _doubt(sim: Simulation) -> str:
     return f"note: {said}\n" if said else ""
 
 
-def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
+def _trouble(s: dict, largest: float, out: str | None) -> str:
+    """A line on trouble of a run, by its `summary`, each with whether there is anything to do.
+
+    Args:
+        largest: step [s]; out: the run's folder.
+    """
+    steps, rejected = s["steps"], sum(s["rejections"].values())
+    bounds = rejected, steps, s["smallest_h"] or 0.0, largest
+    said = []
+    if rejected:
+        where = f": `taichi-cloth why {out}` says where" if out else ": with --out, `taichi-cloth why` says where"
+        said.append(refused(*bounds) + ("" if usual(*bounds) else where))
+    if count := s["unsolved_contact"]:
+        said.append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
+                    f"{100 * s['contact_error']:.2g} % of all forces at most: "
+                    + ("usual where cloth hits something" if count <= MANY * steps else "a smaller --h makes them exact"))
+    if s["solid_intersections"]:
+        said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: start it where there "
+                    "is room, or with a larger thickness of the solid")
+    return f"trouble: {'; '.join(said) or 'none'}\n"
+
+
+def _detail(s: dict) -> str:
+    """A line of numbers on trouble."""
+    bad = ", ".join(f"{name} {count}" for name, count in s["rejections"].items()) or "none"
+    return (f"detail: rejected attempts: {bad}; steps by another method: {s['fallbacks']}; smallest h "
+            f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, contacts with solids more than 1 % "
+            f"off Coulomb's law in {many(s['unsolved_contact'], 'step')}, at most {s['contact_error']:.2g} of all forces, "
+            f"cloth through solids {s['solid_intersections']}\n")
+
+
+def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None = None, verbose: bool = False) -> str:
     """The closing lines of a run: size of the model, trouble, energy and cost.
 
     Args:
         wall: time that it took [s]; start: simulated time from which on it did, where a run was gone on with.
+        out: its folder; verbose: whether numbers of the solver are told.
     """
     s = summary(sim)
     cloths = sim.scene.cloths
-    bad = ", ".join(f"{n} {c}" for n, c in s["rejections"].items()) or "none"
     parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
     faces = sum(c.mesh.face_count for c in cloths)
-    model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
+    model = (f"{sim.model.n} vertices, {faces} triangles, {many(len(sim.scene.solids), 'solid')}, at most "
+             f"{many(s['contacts'], 'contact')}")
     layers, since = "", f", from t = {start:.4g} s on; of the whole run" if start else ""
     if sim.contacts is not None and sim.contacts.layers is not None:
         counted = "not counted" if s["intersections"] is None else f"at most {s['intersections']}"
@@ -91,16 +126,12 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['min_gap_ratio']:.2f} "
                   f"thicknesses; cloth through cloth {counted} (contact knows of at most {s['known_intersections']}), "
                   f"pinched {s['pinched']}\n")
-    unsolved = (f"contacts with solids more than 1 % off Coulomb's law in {s['unsolved_contact']} steps, at most "
-                f"{s['contact_error']:.2g} of all forces; " if s["unsolved_contact"] else "")
-    return (f"model: {model}\n{layers}{_seams(sim)}{_tears(sim)}"
-            f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fallbacks']}; smallest h "
-            f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
-            f"{unsolved}cloth through solids {s['solid_intersections']}, largest stretch {s['largest_stretch']:.3f}\n"
+    trouble = _trouble(s, sim.tally.largest_h or 0.0, out) + (_detail(s) if verbose else "")
+    return (f"model: {model}, largest stretch {s['largest_stretch']:.3f}\n{layers}{_seams(sim)}{_tears(sim)}{trouble}"
             f"energy: {_energy(s['energy'])}\n"
             f"{_doubt(sim)}{_damps(sim)}"
             f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
-            f"{s['steps']} steps, {s['cg_iterations']} CG iterations; {parts}")
+            f"{many(s['steps'], 'step')}, {many(s['cg_iterations'], 'CG iteration')}; {parts}")
 
 
 def _energy(total: dict[str, float]) -> str:

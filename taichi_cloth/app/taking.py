@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
                          checkpoint_every=args.checkpoint_every, resume=True, from_frame=args.from_frame)
     take = Take(os.path.relpath(parent.path, out), str(parent.manifest.get("started", "")), args.from_frame, blend, was)
     sim, start = simulate(scene, options, take, parent)
-    print(describe(sim, time.perf_counter() - started, start))
+    print(describe(sim, time.perf_counter() - started, start, options.out))
     print(f"written to {out}/, whose frames begin with those of {parent.path}, {Recording(out).manifest['take']['files']}; "
           f"`taichi-cloth render {out}` draws it")
     return 0

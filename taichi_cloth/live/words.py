@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from ..errors import many
+
 if TYPE_CHECKING:  # a page starts before Taichi is imported
     from ..step.records import StepRecord
     from .session import Session
@@ -24,22 +26,22 @@ def state(session: Session) -> str:
 
 def last_step(record: StepRecord) -> str:
     """Size, cost, contacts and rejections of a step, in sentences."""
+    from ..recording.reasons import MEANS, fell_back
     from ..recording.why import lasting
-    from ..step.stepper import ADVICE
 
     said = [f"A step of {1e3 * record.h:.3g} ms to t = {record.t:.4g} s took {lasting(record.seconds.get('total', 0.0))}: "
-            f"{_many(record.solves, 'solve')}, {_many(record.iterations, 'iteration')}; "
+            f"{many(record.solves, 'solve')}, {many(record.iterations, 'iteration')}; "
             f"the largest stretch is {record.stretch:.3f}."]
     if record.contacts or record.layers:
-        said.append(f"Cloth touches solids in {_many(record.contacts, 'place')}, and cloth in "
-                    f"{_many(record.layers, 'place')}.")
+        said.append(f"Cloth touches solids in {many(record.contacts, 'place')}, and cloth in "
+                    f"{many(record.layers, 'place')}.")
     if record.fallback_reason:
-        said.append(f"It was taken by backward Euler instead: {record.fallback_reason}.")
+        said.append(f"It was made by the more robust method: {fell_back(record.fallback_reason)}.")
     if compiling := record.seconds.get("compiling", 0.0):
         said.append(f"Of its time {lasting(compiling)} went into loading or compiling kernels.")
     for name, count in record.rejections.items():
-        said.append(f"Before it {_many(count, 'longer attempt')} failed in {name}"
-                    + (f": {ADVICE[name]}." if name in ADVICE else "."))
+        said.append(f"Before it {many(count, 'longer attempt')} {'was' if count == 1 else 'were'} refused: "
+                    f"{MEANS.get(name, name)} ({name}).")
     return " ".join(said)
 
 
@@ -50,7 +52,3 @@ def costly(session: Session) -> str:
     if session.sim is None or not session.sim.log:
         return ""
     return costliest_of([asdict(r) for r in session.sim.log], COSTLY)
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"

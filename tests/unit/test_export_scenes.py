@@ -340,7 +340,7 @@ def test_what_blender_is_told_is_the_run(made):
 @pytest.mark.parametrize("lifted, look", [(0.0, {}), (50.0, {}), (0.0, {"floor": np.array("none")}), (
     0.0, {"background": np.array("transparent")}), (0.0, {"floor": np.array("shadow")})])
 def test_a_blend_has_the_ground_of_pictures(tmp_path, rng, lifted, look):
-    """Under solids, if they are the lowest in any frame; else below cloth of all frames by a twentieth of the first frame's size."""
+    """Under solids, if they are the lowest in any frame; else below cloth of all frames by .05 of the first one's size."""
     own = {}
     for k in range(3):
         x, y = rng.normal(size=(9, 3)), rng.normal(size=(8, 3)) + [0, lifted - 20 - k, 0]

@@ -220,7 +220,7 @@ def test_a_step_is_told_in_sentences():
                       fallback_reason="")
     said = last_step(step)
     assert "1 solve, 23 iterations" in said and "took 12.3 ms" in said and "1.250" in said and "3 places" in said
-    assert "2 longer attempts failed in STRETCH: some triangle stretches too much" in said
+    assert "2 longer attempts were refused: a triangle would stretch by more than stretch_limit" in said
 
 
 class Gui:

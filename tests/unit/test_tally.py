@@ -7,6 +7,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import cli
+from taichi_cloth.app.summary import _trouble as trouble_line
 from taichi_cloth.app.summary import describe, summary
 from taichi_cloth.recording.report import _energy, _trouble
 from taichi_cloth.step.ledger import Ledger
@@ -76,8 +77,8 @@ def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_
     apart = [{k: v for k, v in summary(sim).items() if k != "seconds"} for sim in simulations]
     assert apart[0] == apart[1] == apart[2] and apart[0] == json.loads(json.dumps(apart[0]))
     assert [len(run.telemetry()) for run in runs] == [every.tally.steps] * 3
-    said = [describe(sim, 1.0).split("cost:")[0] for sim in simulations]
-    assert said[0] == said[1] == said[2] and f"cloth through solids {every.tally.solid_intersections}, " in said[0]
+    said = [describe(sim, 1.0, verbose=True).split("cost:")[0] for sim in simulations]
+    assert said[0] == said[1] == said[2] and f"cloth through solids {every.tally.solid_intersections}\n" in said[0]
     assert "crossings" not in said[0] and "intersections" not in said[0]
     assert [sim.checkpoint()["records"] for sim in simulations] == [every.tally.steps] * 3
     assert f"{every.tally.steps} steps" in repr(none)
@@ -101,3 +102,29 @@ def test_what_a_log_cannot_keep_is_refused():
 def test_the_command_takes_it_too(tmp_path):
     args = cli._parser().parse_args(["run", "hang", "--log", "5"])
     assert tc.Options(log=args.log).log == 5 and "log" not in tc.Options(log=5).record()
+
+
+def ended(**other):
+    """`summary` of a run of 100 steps without any trouble, but for what is said."""
+    return {"steps": 100, "rejections": {}, "smallest_h": 0.01, "unsolved_contact": 0, "contact_error": 0.0,
+            "solid_intersections": 0, **other}
+
+
+@pytest.mark.parametrize("other, says", [
+    ({}, ["none"]), ({"rejections": {"CONTACT": 2, "NEWTON": 1}}, ["3 of 103 attempts", "nothing to do"]),
+    ({"rejections": {"CONTACT": 30}}, ["30 of 130 attempts", "`taichi-cloth why out` says where"]),
+    ({"unsolved_contact": 20, "contact_error": 0.3}, ["20 of 100 steps, by 30 % of all forces", "usual where"]),
+    ({"unsolved_contact": 30, "contact_error": 0.3}, ["30 of 100 steps", "a smaller --h"]),
+    ({"solid_intersections": 1}, ["through solids in 1 place at most", "start it where there is room"])])
+def test_the_last_lines_say_whether_there_is_anything_to_do(other, says):
+    """In plain words: names of rejections, residuals and the method of steps are told with --verbose alone."""
+    line = trouble_line(ended(**other), 0.02, "out")
+    assert line.startswith("trouble: ") and all(word in line for word in says)
+    for word in ("CONTACT", "NEWTON", "backward Euler", "Coulomb", "residual"):
+        assert word not in line
+
+
+def test_numbers_of_the_solver_are_told_where_they_are_asked_for(simulations):
+    plain, told = (describe(simulations[0], 1.0, verbose=verbose) for verbose in (False, True))
+    assert "worst residual" in told and "rejected attempts: " in told and "worst residual" not in plain
+    assert plain.splitlines() == [line for line in told.splitlines() if not line.startswith("detail: ")]

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.errors import many
 from taichi_cloth.output.recording import Recording
+from taichi_cloth.recording.reasons import MEANS, why_refused
 from taichi_cloth.recording.why import costliest
+from taichi_cloth.step.stepper import ADVICE
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(500, k_d=0.5), tc.Shear(100), tc.Bend(1e-5))
 
@@ -74,7 +77,7 @@ def test_why_names_the_costliest_steps(tmp_path):
     dearest = sorted(range(len(log)), key=lambda k: -log[k]["seconds"]["total"])[:3]
     heads = [line for line in text.splitlines() if line.startswith("step ")]
     assert [int(line.split()[1]) for line in heads] == dearest
-    assert all(f"{log[k]['solves']} solves" in line for k, line in zip(dearest, heads))
+    assert all(f", {many(log[k]['solves'], 'solve')}, " in line for k, line in zip(dearest, heads))
     told = {k: "of it to compile" in line for k, line in zip(dearest, heads)}
     assert told == {k: log[k]["seconds"]["compiling"] > 0 for k in dearest}
     assert all(0 <= r["seconds"]["compiling"] <= r["seconds"]["total"] for r in log)
@@ -88,5 +91,47 @@ def test_why_tells_of_compilation_and_of_the_end():
              for k, total, compiling in ((1, 0.1, 0.0), (2, 2.0, 1.5))]
     run = SimpleNamespace(path="run", telemetry=lambda: steps, manifest={"status": "gave up: at t = 0.2 s no step passes"})
     text = costliest(run)
-    assert "step 1 to t = 0.2 s: 2.0 s, h = 100 ms, 1 solves, 9 CG iterations; 1.5 s of it to compile" in text
+    assert "step 1 to t = 0.2 s: 2.0 s, h = 100 ms, 1 solve, 9 CG iterations; 1.5 s of it to compile" in text
     assert text.count("to compile") == 1 and text.splitlines()[-1] == "then it gave up: at t = 0.2 s no step passes"
+
+
+def told(rejections: int, h: float = 0.1, status: str = "finished", **manifest):
+    """`why` of ten steps, the first after attempts that would have ended too deep in a ball."""
+    trouble = {"name": "CONTACT", "h": 0.2, "detail": "too deep inside a solid", "cloth": "sheet", "vertex": 7,
+               "at": (0.0, 0.1, 0.0), "speed": 2.0, "against": "ball", "gap": -0.6}
+    steps = [{"t": 0.1 * k, "h": h if k == 1 else 0.1, "solves": 4, "iterations": 9, "rejections": {},
+              "seconds": {"total": 0.15, "CG": 0.06, "C-S": 0.03}} for k in range(1, 11)]
+    steps[0] |= {"rejections": {"CONTACT": rejections} if rejections else {}, "troubles": [trouble] * rejections}
+    return costliest(SimpleNamespace(path="run", telemetry=lambda: steps, manifest={"status": status, **manifest}), 2)
+
+
+def test_a_refused_attempt_is_told_by_its_reason_and_advice_is_given_where_there_are_many():
+    few, many, small = told(1), told(5), told(1, h=0.001)
+    assert "first tried with h = 200 ms, and refused: cloth would end too deep inside a solid (CONTACT), at vertex 7" in few
+    assert "in all 1 of 11 attempts at a step was refused and made smaller: usual, there is nothing to do" in few
+    for text in (few, told(0)):
+        assert "settle" not in text and "pinched" not in text and "slow" not in text
+    for text in (many, small, told(1, status="gave up: no step passes")):
+        assert "CONTACT" in text.splitlines()[-1] and "pinned inside one" in text
+    assert "5 of 15 attempts at a step were refused" in many and "nothing to do" not in many + small and "to 1 ms" in small
+
+
+def test_why_begins_with_the_parts_of_all_the_time():
+    """Drawing is none of the steps' time, and most of this run's; of a run that was gone on with the last part counts."""
+    text = told(0, wall_s=10.0, output_seconds={"draw": 7.0, "write": 0.5}).splitlines()
+    assert text[0] == "10.0 s in all:" and "70%    7.0 s  drawing pictures: --no-images draws none" in text[1]
+    assert "10%    1.0 s  setting up" in text[3] and "5%   500 ms  writing files" in text[4]
+    assert "15%    1.5 s  steps: linear solves 600 ms, contact with solids 300 ms" in text[2]
+    later = told(0, wall_s=1.0, output_seconds={"draw": 0.2}, steps_before=6).splitlines()
+    assert later[0] == "1.0 s in all since it was gone on with:" and "60%   600 ms  steps" in later[1]
+    assert told(0, wall_s=0.5).startswith("10 steps took 1.5 s")
+
+
+@pytest.mark.parametrize("reason, detail, says", [
+    ("NEWTON", "8 solves", "forces were not yet in balance (NEWTON; 8 solves)"), ("OTHER", "", "OTHER (OTHER)"),
+    ("CONTACT", "", "contacts did not settle (CONTACT)"),
+    ("CONTACT", "3 crossings", "cloth would pass through a solid (CONTACT)"),
+    ("CONTACT", "between layers of cloth", "layers of cloth found no step without a collision (CONTACT; between")])
+def test_reasons_are_told_in_words(reason, detail, says):
+    assert why_refused(reason, detail).startswith(says)
+    assert set(MEANS) == set(ADVICE)
