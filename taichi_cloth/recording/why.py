@@ -103,6 +103,6 @@ def _advice(log: Sequence[dict[str, Any]], status: str) -> list[str]:
     troubles = [t for r in log for t in r.get("troubles", [])]
     for name, count in counts.most_common():
         touches = all(t["against"] for t in troubles if t["name"] == name)
-        advice = f": {remedy(name, touches)}" if name in ADVICE else ""
+        advice = f": {remedy(name, touches)}" if name in ADVICE and not gave_up else ""  # its last words have advice
         lines.append(f"{name} {count}, {MEANS[name]}{advice}" if name in MEANS else f"{name} {count}")
     return lines

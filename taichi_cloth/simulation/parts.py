@@ -24,7 +24,7 @@ from ..step import integrators
 from ..step.choice import SAFETY, choose
 from ..step.prescribed import Prescribed
 from ..step.records import Locator, StepRecord, Tally
-from ..step.stepper import Control, Stepper
+from ..step.stepper import ADVICE, Control, Stepper
 from ..system.assembler import Assembler
 from ..system.elements import lumped_mass
 from ..system.operator import ForceField, Operator, Probe
@@ -141,10 +141,17 @@ class Parts:
             self.notes += [str(out) for out in put_in_order(self.contacts.detector, self.model, self.scene, fixed)]
             self.prescribed.begin_anew()
         self.notes += self.contacts.inspect()
+        detector = self.contacts.detector
+        if len(detector.inside.particles) or len(detector.crossed):
+            from .starts import find
+
+            self._starts = list(find(self.scene, self.model, detector))
+            self.notes += map(str, self._starts)
+            self.stepper.advise = self._advice
         if self.scene.hung:
             from .starts import refuse_inside, refuse_through
 
-            refuse_inside(self.scene.hung, self.model, self.contacts.detector, self.scene.solids)
+            refuse_inside(self.scene.hung, self.model, detector, self.scene.solids)
             refuse_through(self.scene.hung, self.scene.solids)
         moved = self.contacts.settle(fixed)
         if not len(moved.near):
@@ -155,6 +162,14 @@ class Parts:
                           f"was moved apart, furthest {name(moved.particle)}, by {moved.by:.2g} m")
         if len(moved.left):
             self.notes.append(f"{len(moved.left)} vertices could not be moved apart, the first of them {name(moved.left[0])}")
+
+    def _advice(self, rejection: str) -> str:
+        """The remedy where a run gives up: another start, while cloth that started in a solid is not out of it."""
+        assert self.contacts is not None
+        held = self.contacts.solids.penetration.spared > 0
+        held[self.contacts.detector.find_crossings()] = True
+        start = next((s for s in self._starts if held[s.particles].any()), None)
+        return ADVICE[rejection] if start is None else f"The start is the likely cause. {start.told}: {start.move}"
 
     def _stitch_failure(self):
         """Stitches that can open, where anything is sewn; nothing of it is imported without."""

@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
@@ -26,7 +27,8 @@ ADVICE = {
             "'f64'",
     NEWTON: "Newton's method does not converge: raise newton_max or newton_tol, or use the integrator 'safe'",
     ACCURACY: "no step is as accurate as asked for: raise tolerance, or h_min is too large; f32 has no digits to spare",
-    CONTACT: "contacts do not settle: is the cloth pinched between solids, pinned inside one, or pressed through itself?",
+    CONTACT: "cloth would end inside a solid or in other cloth, or contacts do not settle: is it pinched between solids, "
+             "pinned inside one, or pressed through itself?",
     APPROACH: "cloth meets a solid faster than its mesh can follow: slow the motion down, or use a coarser mesh",
     NOT_FINITE: "numbers overflow: a stiffness, mass or prescribed motion is out of scale; try precision 'f64'",
 }
@@ -77,6 +79,7 @@ class Stepper(Checkpointed):
         self.start: Measures | None = None  # measures where the next step starts; None: to be measured
         self.ended: Measures | None = None  # where the last step ended
         self.dropped = 0.0  # energy [J] of contacts that `forget` took away since the last step
+        self.advise: Callable[[str], str] = ADVICE.__getitem__  # a remedy, by the name of the last rejection
         self.edited = 0.0, 0.0  # kinetic and potential energy [J] that came between the last step and the next
 
     def pull_firmer(self, factor: float) -> None:
@@ -240,10 +243,10 @@ class Stepper(Checkpointed):
         detail = "; ".join(([attempt.detail] if attempt.detail else []) + [f"worst at {place}" for place in troubles[-1:]])
         detail = f" ({detail})" if detail else ""
         if not self.control.adaptive:
-            return f"step of {h:g} s from t = {t:g} s failed with {rejection}{detail}: {ADVICE[rejection]}"
+            return f"step of {h:g} s from t = {t:g} s failed with {rejection}{detail}: {self.advise(rejection)}"
         counts = ", ".join(f"{name} {count}" for name, count in rejections.items())
         return (f"gave up at t = {t:g} s: no step of at least h_min = {self.control.h_min:g} s passes; last rejection "
-                f"{rejection}{detail} at h = {h:g} s, in all {counts}. {ADVICE[rejection]}")
+                f"{rejection}{detail} at h = {h:g} s, in all {counts}. {self.advise(rejection)}")
 
 
 def _to_json(measures: Measures | None) -> str:

@@ -54,11 +54,13 @@ class ContactCandidates:
 
 @dataclass(frozen=True)
 class StartsInside:
-    """Particles (k,) that start inside solids, how far [m] they have to go (k,), and these solids' numbers (k,)."""
+    """Particles (k,) that start inside solids, how far [m] they have to go (k,), these solids' numbers (k,), and the way
+    out (k, 3)."""
 
     particles: np.ndarray
     depth: np.ndarray
     solid: np.ndarray
+    normal: np.ndarray
 
 
 class SolidCollisionDetector:
@@ -68,7 +70,7 @@ class SolidCollisionDetector:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
         thickness_ramp: of the thickness that pairs go by, where they start nearer.
-        inside: which particles started inside solids.
+        inside: which particles started inside solids; crossed: (k, 3) those of triangles that crossed solids' then.
         faces: (m, 3) particles of the cloth's faces.
         pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; moves: whether
             it moves; meshes: is a mesh; closed: is one with an inside.
@@ -80,7 +82,8 @@ class SolidCollisionDetector:
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness_ramp = ThicknessRamp(model.n)
         none = np.zeros(0, dtype=np.int64)
-        self.inside = StartsInside(none, np.zeros(0), none)
+        self.inside = StartsInside(none, np.zeros(0), none, np.zeros((0, 3)))
+        self.crossed = np.zeros((0, 3), dtype=np.int64)
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
                                 for c in scene.cloths])
         self.edge, longest = float(edges.mean()), float(edges.max())
@@ -128,23 +131,14 @@ class SolidCollisionDetector:
             self.size = float(np.linalg.norm(np.ptp(x, axis=0)))
             self.surfaces.set_depth(np.full(self.model.n, self.size, dtype=self.exchange))
         found = self.detect()
-        thickness = self.thickness[found.solid]
-        inside = found.start_gap + thickness < 0
-        self.inside = StartsInside(found.index[inside], -found.start_gap[inside], found.solid[inside])
-        for k, solid in enumerate(self.solids):
-            mine = inside & (found.solid == k)
-            if mine.any():
-                deep = -(found.start_gap + thickness)[mine].min()
-                notes.append(f"{solid.name}: {int(mine.sum())} vertices of cloth start inside it, up to {deep:.3g} m deep: "
-                             "they are pushed out over the first steps")
+        inside = found.start_gap + self.thickness[found.solid] < 0
+        self.inside = StartsInside(found.index[inside], -found.start_gap[inside], found.solid[inside], found.normal[inside])
         if self.surfaces is not None:
             self.depth = np.zeros(self.model.n, dtype=self.exchange)
             np.maximum.at(self.depth, found.index[inside], -found.start_gap[inside] * 1.5)
             self.surfaces.set_depth(self.depth)
         if self.tree is not None:
-            crossings = len(self.find_crossings())
-            if crossings:
-                notes.append(f"{crossings} triangles of cloth and solids pass through each other at the start")
+            self.crossed = self.find_crossings()
             self.tree.due = True
         self.time = 0.0
         return notes
