@@ -172,8 +172,9 @@ def color(what: str, value: object, error: Error = SceneError) -> tuple[float, f
         named = colornames.linear_of(value)
         if named is None:
             near = difflib.get_close_matches(value[:40].lower(), colornames.NAMES, n=1)
-            raise error(f"{what} = {shown(value)}: is not a colour: needs a name such as {near[0] if near else 'crimson'!r}, "
-                        "'#rrggbb' in sRGB, or linear red, green and blue from 0 to 1")
+            hint = f"did you mean {near[0]!r}? It needs a name of CSS" if near else "needs a name of CSS, such as 'crimson'"
+            raise error(f"{what} = {shown(value)}: is not a colour: {hint}, '#rrggbb' in sRGB, or linear red, green and blue "
+                        "from 0 to 1")
         return named
     out = _floats(value)
     if out is None or out.shape != (3,) or not ((out >= 0) & (out <= 1)).all():

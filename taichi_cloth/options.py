@@ -62,7 +62,8 @@ class Options:
         "'newton_euler' without contact; .03 and then .1 for stages; 1e-4 and then .05 with contact_tol", "--cg-tol",
         positive=True, most=1.0)
     adaptive: bool = _option(
-        True, "flag", "a step that fails is repeated with a smaller h; False makes exactly the steps asked for",
+        True, "flag", "a step that fails is repeated with a smaller h; False makes exactly the steps asked for, and counts "
+        "those that fail",
         "--fixed-step")
     h_min: float | None = _option(
         None, "number", f"smallest step [s]; None takes h, or 1/60 if that is less, over {H_MIN_FACTOR:g}", None, "s",

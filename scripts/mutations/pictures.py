@@ -11,7 +11,7 @@ MUTATIONS = (
     (OUT + "framing.py", "value + max(reach, SPOT)", "value - 9 * max(reach, SPOT)", "the camera comes too near", OUTPUT),
     (OUT + "framing.py", "(most[:, 0] - most[:, 1]) / 2", "(most[:, 0] + most[:, 1]) / 2",
      "the camera looks past the middle", OUTPUT),
-    (OUT + "picture.py", "for frame in frames() if frames and (self.fitted or stands) else ():", "for frame in ():",
+    (OUT + "picture.py", "for frame in frames() if frames and (self.fitted or floor) else ():", "for frame in ():",
      "only the first frame is fitted", DRAWN),
     (PACKAGE + "recording/playback.py", ", lambda: map(recording.frame, numbers))", ")",
      "a few frames are framed for the whole run", DRAWN),

@@ -44,7 +44,9 @@ def run(build: Callable, argv: Sequence[str] | None = None) -> None:
         argv: flags; the process's own if None.
     """
     from .. import checks
+    from ..scene.reading import only_described
 
+    only_described("tc.run")
     checks.function("run: build", build)
     if argv is not None and not (isinstance(argv, (list, tuple)) and all(isinstance(a, str) for a in argv)):
         checks.instance("run: argv", argv, type(None))
@@ -283,7 +285,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"taichi-cloth {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run_parser = commands.add_parser("run", help="simulate a scene and write pictures", epilog=SHOWN)
-    run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")
+    run_parser.add_argument("scene", help="a scene file, with a function build() that returns the scene, or the name of one "
+                            "that `list` shows; a script that calls tc.record itself is refused: `python` runs it")
     _run_flags(run_parser)
     check = commands.add_parser("check", help="simulate a scene and run its check")
     check.add_argument("scene", help="a scene file or name")
@@ -347,7 +350,8 @@ def _how(option: Field) -> dict:
     """Arguments of `add_argument` for an option of `Options`; an option that is not given becomes None."""
     kind, unit, meaning = (option.metadata[key] for key in ("kind", "unit", "meaning"))
     if kind == "flag":
+        off = meaning.partition("False ")[2]
         return {"action": "store_const", "const": not option.default,
-                "help": f"{option.name}=False: {meaning}" if option.default else meaning}
+                "help": f"{off} ({option.name}=False)" if option.default else meaning}
     how = {"number": {"type": number_of, "metavar": unit.upper() or "X"}, "integer": {"type": int, "metavar": "N"}}
     return {"help": meaning, **how.get(kind, {})}

@@ -7,6 +7,7 @@ from .. import checks
 from ..errors import OutputError
 from ..output.folder import RunFolder
 from ..recording.recorded import Recording
+from ..scene.reading import only_described
 from ..simulation import Simulation
 from .running import run
 from .runoptions import RunOptions
@@ -35,6 +36,7 @@ def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float 
         OutputError: the folder holds another run, or cannot be written.
         SimulationError: the simulation gave up; the frames so far are whole.
     """
+    only_described("tc.record")
     checks.instance("record: sim", sim, Simulation)
     folder_path = checks.path("record: out", out, OutputError)
     duration, fps = sim.checked_run(duration, fps)

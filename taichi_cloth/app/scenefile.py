@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
 from ..scene.every import EVERY, known
+from ..scene.reading import builds, instead, reading
 from .waiting import waiting
 
 if TYPE_CHECKING:
@@ -235,8 +236,13 @@ def path_of(scene: str) -> pathlib.Path:
     path = pathlib.Path(scene)
     if not path.is_file():
         known = available()
+        if scene not in known and (path.suffix == ".py" or len(path.parts) > 1):
+            shipped = f"; the scene of that name is meant by {path.stem!r}" if path.stem in known else ""
+            there = "is a folder" if path.is_dir() else "there is no such file"
+            raise SceneError(f"no scene file {scene!r}: {there}{near(path)}{shipped}; `taichi-cloth list` names "
+                             "those that are shipped")
         if scene not in known:
-            raise SceneError(f"no scene file {scene!r}{near(path) or '; ' + did_you_mean(path.stem, known)}")
+            raise SceneError(f"no scene {scene!r}{near(path) or '; ' + did_you_mean(scene, known)}")
         path = known[scene]
     return path
 
@@ -255,14 +261,18 @@ def read(scene: str) -> SceneFile:
     sys.modules[spec.name] = module
     if (folder := str(path.parent.resolve())) not in sys.path:
         sys.path.append(folder)  # for modules beside it, as where Python runs it
+    nothing = SceneError(f"{path} has no build() that returns a Scene. {instead(str(path))}")
+    if not builds(path.read_text(encoding="utf-8", errors="replace")):
+        raise nothing  # before anything of it runs
     try:
-        spec.loader.exec_module(module)
+        with reading(str(path)):
+            spec.loader.exec_module(module)
     except ClothError:
         raise
     except Exception as error:
         raise SceneError(f"{path} does not run: {said(error, str(path))}") from error
     if not hasattr(module, "build"):
-        raise SceneError(f"{path} has no build() that returns a Scene: put the scene in `def build() -> tc.Scene:`")
+        raise nothing
     return of_module(module.build, module)
 
 

@@ -14,6 +14,7 @@ from ..backend.interrupts import Asked, noted
 from ..backend.timing import compiling
 from ..errors import SceneError, shown
 from ..options import Options
+from ..scene.reading import only_described
 from .link import Link
 from .parameters import Parameter
 from .server import HOST
@@ -88,6 +89,7 @@ def view(what: Scene | Simulation, *, host: str = HOST, port: int | None = None,
         SceneError: an impossible value or an unknown name.
         OutputError: no viser, or a port that cannot be had.
     """
+    only_described("tc.view")
     for name, value in (("opens", opens), ("plays", plays)):
         checks.flag(f"view: {name}", value)
     checks.instance("view: host", host, str)

@@ -10,6 +10,7 @@ import pytest
 
 from taichi_cloth.app import cli, runner, scenefile, sceneoptions, waiting
 from taichi_cloth.errors import SceneError, ScriptError
+from taichi_cloth.scene.reading import builds, only_described
 
 TEXT = '''"""What it shows.
 
@@ -94,7 +95,7 @@ def test_the_first_folder_that_has_a_scene_wins(tmp_path, monkeypatch, capsys):
 
 
 def test_scene_files_that_do_not_work_are_named(tmp_path):
-    for text, words in (("1/0", "does not run: ZeroDivisionError"), ("x = 1", "no build"),
+    for text, words in (("build = 1/0", "does not run: ZeroDivisionError"), ("x = 1", "no build"),
                         ("def build():\n    return 3", "not a Scene"),
                         ("def build():\n    return {}['a']", r"KeyError: 'a' \(.*odd.py, line 2\)")):
         (tmp_path / "odd.py").write_text(text)
@@ -185,3 +186,49 @@ def test_what_takes_long_is_said(monkeypatch, capsys):
     time.sleep(0.1)
     said = capsys.readouterr()
     assert said.err == "loading dress.obj ...\n" and said.out == ""
+
+
+BUILDS, RECORD = "def build(): return tc.Scene()", "record(sim, 'out/x', duration=1)"
+RECORDS = '''import pathlib
+import taichi_cloth as tc
+
+pathlib.Path("ran").touch()
+sim = None
+{build}
+tc.{call}
+'''
+
+
+@pytest.mark.parametrize("build, call, says", [
+    ("", RECORD, ["no build()", "`python mine.py`"]),
+    (BUILDS, RECORD, ["mine.py, line 7: calls tc.record", "`python mine.py`"]),
+    (BUILDS, "view(sim)", ["line 7: calls tc.view"]), (BUILDS, "run(build)", ["line 7: calls tc.run", "below `if __name__"])])
+def test_a_script_that_runs_by_itself_is_refused_with_the_way_to_run_it(tmp_path, monkeypatch, build, call, says):
+    """Nothing of one without a build is run; of one that has both, nothing from there on."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(RECORDS.format(build=build, call=call))
+    with pytest.raises(SceneError) as caught:
+        scenefile.read("mine.py")
+    assert all(word in str(caught.value) for word in says)
+    assert (tmp_path / "ran").exists() == bool(build) and not (tmp_path / "out").exists()
+    only_described("tc.record")  # and nothing is refused any more
+
+
+@pytest.mark.parametrize("code", ["from other import build", "from other import make as build", "build = print",
+                                  "from other import *", "if True:\n    def build(): pass",
+                                  "globals()['build'] = print", "def build(:"])
+def test_code_that_may_name_a_build_is_read(code):
+    assert builds(code)
+
+
+@pytest.mark.parametrize("name, says, never", [
+    ("nosuch.py", "no scene file 'nosuch.py': there is no such file; `taichi-cloth list`", "did you mean"),
+    ("hang.py", "the scene of that name is meant by 'hang'", "did you mean"), ("mime.py", "did you mean 'mine.py'", "pinch"),
+    ("pinhc", "no scene 'pinhc'; did you mean 'pinch'", "file"), ("folder.py", "is a folder", "no such")])
+def test_a_missing_file_is_called_a_missing_file(tmp_path, monkeypatch, name, says, never):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").touch()
+    (tmp_path / "folder.py").mkdir()
+    with pytest.raises(SceneError) as caught:
+        scenefile.read(name)
+    assert says in str(caught.value) and never not in str(caught.value)
