@@ -65,7 +65,15 @@ STARTS = "tests/physics/test_near_starts.py"
 APART = f"{STARTS}::test_what_starts_near_is_moved_apart"
 GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit"
 
+TOLD = "tests/unit/test_starts.py"
+
 MUTATIONS = (
+    ("taichi_cloth/simulation/starts.py", "x[vertex[mine]] += (OUTSIDE * found.depth[:, None] * found.normal)[mine]", "pass",
+     "cloth that comes out on one side is said to start through", TOLD),
+    ("taichi_cloth/simulation/starts.py", "up, down = to - low + solid.thickness", "up, down = to - high + solid.thickness",
+     "cloth is told to start where it is inside", TOLD),
+    ("taichi_cloth/simulation/parts.py", "next((s for s in self._starts if held[s.particles].any()), None)",
+     "next(iter(self._starts), None)", "a start is blamed for all that comes later", TOLD),
     # forces that are told
     (FACADE, "self.solids.let_out(self.detector.inside.particles, self.detector.inside.depth)", "pass",
      "what starts inside blocks steps", LET_OUT),
