@@ -22,9 +22,9 @@ def build(cells: int = 50, size: float = 1.0, stretch: float = 1000.0, density: 
     fabric = tc.Fabric(density, tc.Stretch(stretch, k_d=stretch * 1e-3), tc.Shear(stretch / 10, k_d=stretch * 1e-4),
                        tc.Bend(5e-5, k_d=2e-7))
     scene = tc.Scene(air=tc.Air(normal=0.3, tangential=0.02), view=tc.View(tc.Camera(
-        (1.57 * size, 0.25 * size, 1.11 * size), (0.34 * size, -0.54 * size, -0.7 * size), 38.0),
-        ground=-1.25 * size, light="studio"))
-    cloth = scene.add_cloth(mesh, fabric, color=tc.Appearance(hem=0.015 * size))
+        (0.72 * size, 0.3 * size, 1.35 * size), (0.43 * size, -0.57 * size, -0.8 * size), 36.0),
+        ground=-1.25 * size, light="sun"))
+    cloth = scene.add_cloth(mesh, fabric, color=tc.Appearance("orange", hem=0.015 * size))
     scene.pin(cloth, "top_left")
     scene.pin(cloth, "top_right")
     return scene
