@@ -17,7 +17,8 @@ class Shapes:
     """The pieces of a geometry, which stay while its faces do."""
 
     def __init__(self, geometry: Arrays) -> None:
-        drawn = surfaces(geometry, Look(), None)
+        flat = {name: array for name, array in geometry.items() if name != "cloth_surface"}  # a page draws no hems, no sheen
+        drawn = surfaces(flat, Look(), None)
         self.faces, self.owner, self.count = drawn.faces, drawn.owner, drawn.cloth_faces
         colors = drawn.colors
         if drawn.textured:

@@ -28,6 +28,7 @@ from taichi_cloth.live.session import ASKED, added
 from taichi_cloth.live.shapes import BANDS, Shapes, points
 from taichi_cloth.live.teller import opening
 from taichi_cloth.live.words import last_step
+from taichi_cloth.output import drawn
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.look import Heat
 from taichi_cloth.recording import record
@@ -180,6 +181,14 @@ def test_pieces_are_all_triangles_each_in_its_colour():
     wanted = np.concatenate([g["x"][g["faces"]], arrays["solid_x"][g["solid_faces"]]]).reshape(-1, 9)
     assert np.allclose(np.sort(corners, axis=0), np.sort(wanted, axis=0), atol=1e-6)
     assert shapes.pieces(g, arrays, None) is shapes.pieces(g, arrays, None)  # what stays is not made again
+
+
+def test_hems_that_a_page_does_not_draw_are_not_sought(monkeypatch):
+    """They took a third of the time up to its first picture."""
+    monkeypatch.setattr(drawn, "borders", None)
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(0.2, tc.Stretch(100)), color=tc.Appearance("teal", hem=0.02))
+    assert len(Shapes(record.as_built(scene)).colors) == 8
 
 
 def test_a_heat_map_has_the_colour_of_each_triangles_value():
