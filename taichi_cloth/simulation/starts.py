@@ -87,6 +87,7 @@ def find(scene: Scene, model: ParticleState, detector: SolidCollisionDetector) -
     found = detector.inside
     if not (len(found.particles) or len(detector.crossed)):
         return
+    sewn = [seam.cloth for seam in scene.seams if not seam.tears]
     for cloth in scene.cloths:
         vertex, crossed = (model.user[i] - cloth.start for i in (found.particles, detector.crossed.ravel()))
         here, there = ((v >= 0) & (v < cloth.mesh.vertex_count) for v in (vertex, crossed))
@@ -99,11 +100,11 @@ def find(scene: Scene, model: ParticleState, detector: SolidCollisionDetector) -
                 crossings = count_crossings(x, cloth.mesh.faces, solid.surface_at(0.0), solid.shape.surface()[1])
             if mine.any():
                 deep = found.depth[mine] - detector.thickness[k]
-                yield Start(_inside(cloth, solid, vertex[mine], deep, crossings), _move(cloth, solid), found.particles[mine],
-                            crossings > 0)
+                yield Start(_inside(cloth, solid, vertex[mine], deep, crossings), _move(cloth, solid, cloth in sewn),
+                            found.particles[mine], crossings > 0)
             elif crossings:
                 yield Start(f"{solid.name}: {cloth.name!r} starts through it, in {crossings} pairs of an edge and a triangle",
-                            _move(cloth, solid), detector.crossed.ravel()[there], True)
+                            _move(cloth, solid, cloth in sewn), detector.crossed.ravel()[there], True)
 
 
 def _inside(cloth: Cloth, solid: Solid, vertices: np.ndarray, deep: np.ndarray, crossings: int) -> str:
@@ -117,8 +118,12 @@ def _inside(cloth: Cloth, solid: Solid, vertices: np.ndarray, deep: np.ndarray, 
     return f"{solid.name}: {count} of {cloth.name!r} start inside it, {where}"
 
 
-def _move(cloth: Cloth, solid: Solid) -> str:
-    """Where the cloth could start instead: moved along an axis, the least way by which it is clear of the solid."""
+def _move(cloth: Cloth, solid: Solid, sewn: bool) -> str:
+    """Where the cloth could start instead: moved along an axis, the least way by which it is clear of the solid; a garment
+    that is sewn already is put on."""
+    if sewn and isinstance(solid.shape, SolidMesh):
+        return ("put the garment on the body as it is at the start: `dress`, or tc.dress, with the same scale, clip and rest "
+                "as load_solid has")
     other = "or let the solid come to it (its position a function of time)"
     if isinstance(solid.shape, Plane):
         return f"start it above the plane, {other}"

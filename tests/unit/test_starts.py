@@ -68,3 +68,15 @@ def test_a_run_that_gives_up_later_is_told_of_its_motion():
     assert "start inside it" in sim.stepper.advise("STRETCH")
     sim.run(0.5, 30)
     assert "slow the motion down" in sim.stepper.advise("STRETCH")
+
+
+def test_a_garment_is_to_be_put_on_the_body_as_it_starts():
+    """A tube sewn along a line, half in its body, as one that was put on in another pose: to move it off is no advice."""
+    scene, sheet = tc.Scene(), tc.grid((0.4 * np.pi, 0.5), (24, 10))
+    scene.add_solid(tc.SolidMesh(*tc.Capsule((0.1, -0.2, 0.0), (0.1, 0.7, 0.0), 0.18).surface()), 0.3, THICKNESS, name="body")
+    angle = sheet.uv[:, 0] / 0.2
+    x = np.column_stack([0.2 * np.cos(angle), sheet.uv[:, 1], 0.2 * np.sin(angle)])
+    cloth = scene.add_cloth(sheet, FABRIC, positions=x, name="shirt")
+    scene.sew(cloth, sheet.select("left"), sheet.select("right"))
+    said, = (note for note in tc.Simulation(scene).notes if "starts through" in note)
+    assert said.endswith("with the same scale, clip and rest as load_solid has") and "moved by" not in said
