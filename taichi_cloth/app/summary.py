@@ -82,18 +82,20 @@ def _trouble(s: dict, largest: float, out: str | None) -> str:
     """
     steps, rejected = s["steps"], sum(s["rejections"].values())
     bounds = rejected, steps, s["smallest_h"] or 0.0, largest
-    said = []
+    said: list[str] = []
+    fine: list[str] = []
     if rejected:
         where = f": `taichi-cloth why {out}` says where" if out else ": with --out, `taichi-cloth why` says where"
-        said.append(refused(*bounds) + ("" if usual(*bounds) else where))
+        (fine if usual(*bounds) else said).append(refused(*bounds) + ("" if usual(*bounds) else where))
     if count := s["unsolved_contact"]:
-        said.append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
-                    f"{100 * s['contact_error']:.2g} % of all forces at most: "
-                    + ("usual where cloth hits something" if count <= MANY * steps else "a smaller --h makes them exact"))
+        few = count <= MANY * steps
+        advice = "usual where cloth hits something" if few else "a smaller --h makes them exact"
+        (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
+                                       f"{100 * s['contact_error']:.2g} % of all forces at most: {advice}")
     if s["solid_intersections"]:
         said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: start it where there "
                     "is room, or with a larger thickness of the solid")
-    return f"trouble: {'; '.join(said) or 'none'}\n"
+    return f"trouble: {'; '.join([*(said or ['none']), *fine])}\n"
 
 
 def _detail(s: dict) -> str:
