@@ -42,7 +42,7 @@ def _seams(sim: Simulation) -> str:
     if count:
         return f"seams: {count} of {sum(map(len, given))} stitches have opened, at most {gaps.max():.3g} m\n"
     if not (gaps > 0).any():
-        return f"seams: all {len(sewn)} are closed\n"
+        return f"seams: {len(sewn)} of {many(len(sewn), 'seam')} closed\n"
     k = int(np.argmax(gaps))
     names = seams[k].cloth.mesh.groups
     joined = [next((n for n, g in names.items() if np.isin(row, g).all()), f"vertices {row[0]} to {row[-1]}")
