@@ -93,8 +93,9 @@ def _trouble(s: dict, largest: float, out: str | None) -> str:
         (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
                                        f"{100 * s['contact_error']:.2g} % of all forces at most: {advice}")
     if s["solid_intersections"]:
-        said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: start it where there "
-                    "is room, or with a larger thickness of the solid")
+        said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: "
+                    + ("solids leave it no room, as an arm that is pressed into a trunk" if s["pinched"] else
+                       "start it where there is room, or with a larger thickness of the solid"))
     return f"trouble: {'; '.join([*(said or ['none']), *fine])}\n"
 
 

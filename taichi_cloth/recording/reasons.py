@@ -21,11 +21,15 @@ ENDS = (("too deep", "cloth would end too deep inside a solid"), ("after further
 IN_CONTACT = "contact_tol could not be reached: expected where cloth hits something; a larger one is reached sooner"
 
 
+def meaning(name: str, detail: str) -> str:
+    """The reason of a rejection, by its name and its detail."""
+    ends = ENDS if name == CONTACT else ()
+    return next((end for word, end in ends if word in detail), MEANS.get(name, name))
+
+
 def why_refused(name: str, detail: str) -> str:
     """The reason of a rejection, by its name and its detail, and the name behind it."""
-    means = MEANS.get(name, name)
-    if name == CONTACT:
-        means = next((end for word, end in ENDS if word in detail), means)
+    means = meaning(name, detail)
     told = name != CONTACT or means in (MEANS[CONTACT], ENDS[3][1], ENDS[4][1])
     return f"{means} ({name}{f'; {detail}' if detail and told else ''})"
 

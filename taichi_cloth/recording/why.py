@@ -8,7 +8,7 @@ from ..errors import OutputError, many
 from ..output.recording import Recording
 from ..step.records import Trouble
 from ..step.stepper import ADVICE
-from .reasons import MEANS, refused, remedy, usual, why_refused
+from .reasons import meaning, refused, remedy, usual, why_refused
 
 PARTS = {"CG": "linear solves", "EVAL": "forces and their derivatives", "C-S": "contact with solids",
          "C-C": "contact of cloth with cloth"}
@@ -102,7 +102,8 @@ def _advice(log: Sequence[dict[str, Any]], status: str) -> list[str]:
         return lines
     troubles = [t for r in log for t in r.get("troubles", [])]
     for name, count in counts.most_common():
-        touches = all(t["against"] for t in troubles if t["name"] == name)
-        advice = f": {remedy(name, touches)}" if name in ADVICE and not gave_up else ""  # its last words have advice
-        lines.append(f"{name} {count}, {MEANS[name]}{advice}" if name in MEANS else f"{name} {count}")
+        mine = [t for t in troubles if t["name"] == name]
+        reasons = Counter(meaning(name, t.get("detail", "")) for t in mine) or {meaning(name, ""): 1}
+        advice = f": {remedy(name, all(t['against'] for t in mine))}" if name in ADVICE and not gave_up else ""
+        lines.append(f"{name} {count}, {max(reasons, key=lambda why: reasons[why])}{advice}")  # last words have their advice
     return lines
