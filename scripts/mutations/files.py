@@ -21,6 +21,12 @@ TESTS = (FOLDER, EXPORT, IO)
 PACKAGE = "taichi_cloth/"
 OUT = PACKAGE + "output/"
 MUTATIONS = (
+    ("taichi_cloth/recording/why.py", 'int(manifest.get("steps_before", 0))', "0",
+     "a run that was gone on with took less time than its steps", "tests/unit/test_trouble.py"),
+    ("taichi_cloth/recording/reasons.py", "SMALLER * smallest >= largest", "True",
+     "steps made 100 times smaller are usual", "tests/unit/test_trouble.py"),
+    ("taichi_cloth/scene/reading.py", "if _files:", "if False:", "a scene file that is read runs its simulation",
+     "tests/unit/test_scenefile.py"),
     # crossings
     (PACKAGE + "scene/boxes.py", "max(la, lb)", "min(la, lb)", "cells are as large as the smaller box", CROSS),
     (PACKAGE + "scene/boxes.py", "at = np.floor(low / cell).astype(np.int64)", "at = cells_a[entry_a[meet], c]",
