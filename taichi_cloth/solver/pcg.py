@@ -18,7 +18,6 @@ import numpy as np
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.phases import END, TASK, PhaseScheduler
-from ..backend.rows import read
 from ..backend.runtime import Runtime
 from ..backend.sums import Sums
 from ..system.operator import Operator
@@ -27,7 +26,7 @@ from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
 COPY, MULTIPLY, RESTART, UPDATE, RESTRICT, SOLVE, PROLONG, CORRECT, SUM_UP = range(1, 10)  # kinds of its phases
-STAGE, STATE, DID, ROUND = range(4)  # its counters
+STAGE, STATE, DID, ROUND, NEXT = range(5)  # its counters
 FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
 FUTILE = 0.75  # another restart follows only if the last one reduced the residual to less than this part
@@ -73,7 +72,7 @@ class PCG(Recurrences):
         self.together = not runtime.device  # a phase scheduler, or a launch for each iteration
         self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1, self.blocks.largest)
         self.sums = Sums(fields, self.blocks.pieces, 4, runtime.device, dtype=self.sum_type)  # of momentum, and of mass
-        self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
+        self.count, self.norm = fields.integer(5), fields.real(2, dtype=self.sum_type)
         self.last, self.balanced = 0, balanced
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
@@ -121,29 +120,22 @@ class PCG(Recurrences):
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
     def _apart(self, tolerance: float, reference: float, least_reference: float, zero: int, most: int) -> tuple:
-        """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
-        norm, size, square = self._restart(zero, 1)
-        first = reference if reference > 0 else norm
-        first = max(first, least_reference) if least_reference > 0 else first  # indefinite ones are negative
-        state, done = DONE, 0
-        for _ in range(RESTARTS):
-            if not norm > SLACK * tolerance * first:  # also where norm is NaN
-                break
-            before, state = norm, GO_ON
-            while state == GO_ON and done < most:
-                for _ in range(min(LOOK, most - done)):
-                    self._step((tolerance * first) ** 2)
-                state, done = self._went()
-            norm, size, square = self._restart(0, 0)
-            if state != DONE or norm > FUTILE * before:
-                break
-        return state, done, norm, first, size, square
-
-    def _restart(self, zero: int, begins: int) -> tuple[float, float, float]:
-        """(residual norm of dv, computed afresh; negative where P is indefinite; |dv|_P^2, |dv|^2)"""
-        self._residual(zero, begins)
-        value, _, _, size, square = read(self.scalar).tolist()
-        return math.copysign(math.sqrt(abs(value)), value), size, square
+        """`_together` by a launch an iteration. The host waits once for a group of these: where the last solve needed no more
+        iterations, the residual of the answer follows in the same group."""
+        asked = tolerance, reference, least_reference, most
+        went = self._went_f32 if self.sum_type == ti.f32 else self._went_f64
+        self._start(zero, *asked)
+        done, following = 0, MULTIPLY
+        while True:
+            group = min(LOOK, most - done) if following == MULTIPLY else 0
+            for _ in range(group):
+                self._step(*asked)
+            if following == COPY or done + group >= min(self.last, most):
+                self._check(*asked)
+            ended = went()
+            following, done = int(ended[0]), int(ended[2])
+            if following == END:
+                return tuple(ended[k] for k in range(1, 7))
 
     @ti.kernel
     def _translate(self):
@@ -171,30 +163,42 @@ class PCG(Recurrences):
         return ti.cast(ti.Vector([all_[0], all_[1], all_[2]]) / all_[3], float)
 
     @ti.kernel
-    def _residual(self, zero: int, begins: int):
-        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As. Iterations go on from here, or begin."""
+    def _start(self, zero: int, tolerance: float, reference: float, least_reference: float, most: int):
+        """A solve from dv, or from zero: what it begins with, and the kind of phase that follows."""
+        self.count[STAGE], self.count[STATE], self.count[DID], self.count[ROUND] = BEGIN, DONE, 0, 0
         for i in range(self.operator.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
-            self.s[i] = self.dv[i]
+        self.residual(tolerance, reference, least_reference, most, 1)
+
+    @ti.kernel
+    def _check(self, tolerance: float, reference: float, least_reference: float, most: int):
+        """The residual of the answer, computed afresh, where iterations have ended; nothing where they go on."""
+        self.residual(tolerance, reference, least_reference, most, ti.cast(self.count[NEXT] == COPY, ti.i32))
+
+    @ti.func
+    def residual(self, tolerance, reference, least_reference, most, going):
+        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As; then the next phase. Nothing if not `going`."""
+        for i in range(self.operator.model.rows()):
+            if going == 1:
+                self.s[i] = self.dv[i]
         if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
-                if t % self.blocks.grain == 0:
+                if t % self.blocks.grain == 0 and going == 1:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
             self.operator.gather()
         for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
+            if t % self.blocks.grain == 0 and going == 1:
                 self.multiply(t // self.blocks.grain)
         for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
+            if t % self.blocks.grain == 0 and going == 1:
                 self.restart(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
-            self.precondition(1, 1)
-        self.group(1)
-        self.begin()
-        self.count[STATE] = GO_ON
-        if begins == 1:
-            self.count[DID] = 0
+            self.precondition(1, going)
+        self.group(going)
+        for _ in range(1):
+            if going == 1:
+                self.count[NEXT] = self.decide(tolerance, reference, least_reference, most)
 
     @ti.kernel
     def _balance(self):
@@ -206,9 +210,9 @@ class PCG(Recurrences):
             self.As[i] = self.As[i] + self.operator.model.m[i] * self.translation()
 
     @ti.kernel
-    def _step(self, target: float):
+    def _step(self, tolerance: float, reference: float, least_reference: float, most: int):
         """One iteration, on all threads; nothing where iterations have ended."""
-        going = ti.cast(self.count[STATE] == GO_ON, ti.i32)
+        going = ti.cast(self.count[NEXT] == MULTIPLY, ti.i32)
         if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0 and going == 1:
@@ -226,13 +230,24 @@ class PCG(Recurrences):
         self.group(going)
         for _ in range(1):
             if going == 1:
-                self.count[STATE] = self.conclude(target, self.count[DID])
-                self.count[DID] += 1
+                self.count[NEXT] = self.decide(tolerance, reference, least_reference, most)
 
     @ti.kernel
-    def _went(self) -> ti.types.vector(2, ti.i32):
-        """(state, iterations): the host waits for these two alone."""
-        return ti.Vector([self.count[STATE], self.count[DID]])
+    def _went_f64(self) -> ti.types.vector(7, ti.f64):
+        """What the host waits for: the next phase, and what `_together` gives."""
+        return ti.cast(self.ended(), ti.f64)
+
+    @ti.kernel
+    def _went_f32(self) -> ti.types.vector(7, ti.f32):
+        """The same where sums are in f32."""
+        return ti.cast(self.ended(), ti.f32)
+
+    @ti.func
+    def ended(self):
+        """(next phase, state, iterations, residual norm of the answer, that it is relative to, |dv|_P^2, |dv|^2)"""
+        following, state, did = self.count[NEXT], self.count[STATE], self.count[DID]
+        return ti.Vector([ti.cast(following, self.sum_type), ti.cast(state, self.sum_type), ti.cast(did, self.sum_type),
+                          self.norm[LAST], self.norm[FIRST], self.scalar[3], self.scalar[4]])
 
     @ti.kernel
     def _together(self, tolerance: ti.f64, reference: ti.f64, least_reference: ti.f64, zero: int,

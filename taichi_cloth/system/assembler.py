@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..backend.answers import Answer
 from ..backend.language import ti
 from ..backend.rows import write
 from ..backend.runtime import Runtime
@@ -99,7 +100,8 @@ class Assembler:
             self.extremes += [column - force.extremes] if force.extremes else []
             self.used += [column - 1] if force.extremes > 2 else []
         self.column = column  # of kinetic energy; then change, a sum over x and v
-        self._report = (Report if runtime.device else HostReport)(self.blocks.count, column + 3, runtime)
+        peaks = sorted({*self.extremes, *(k + 1 for k in self.extremes), *self.used})
+        self._report = (Report if runtime.device else HostReport)(self.blocks.count, column + 3, peaks, runtime)
 
     def measure(self, over: float = 0.0) -> Measures:
         """The model's current state, against its saved one.
@@ -250,11 +252,14 @@ class OneForce:
 class HostReport:
     """Rows of a few blocks.
 
+    Args:
+        peaks: columns of which the largest numbers are asked for.
+
     Attributes:
         rows: (blocks, columns), an argument of kernels.
     """
 
-    def __init__(self, blocks: int, columns: int, runtime: Runtime) -> None:
+    def __init__(self, blocks: int, columns: int, peaks: list[int], runtime: Runtime) -> None:
         self.rows: np.ndarray = np.zeros((blocks, columns), dtype=runtime.exchange)
 
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
@@ -264,18 +269,21 @@ class HostReport:
 
 @ti.data_oriented
 class Report:
-    """The same for thousands of blocks: see `HostReport`."""
+    """The same for thousands of blocks: see `HostReport`. The host waits once."""
 
-    def __init__(self, blocks: int, columns: int, runtime: Runtime) -> None:
+    def __init__(self, blocks: int, columns: int, peaks: list[int], runtime: Runtime) -> None:
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self.rows = ti.ndarray(self.sum_type, shape=(blocks, columns))
         self._part = ti.ndarray(self.sum_type, shape=(2 * GROUPS, columns))  # sums of groups, then largest numbers
-        self._out: np.ndarray = np.zeros((2, columns), dtype=runtime.exchange)
+        self._peaks, self._answer = peaks, Answer(columns + len(peaks), runtime)
 
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """See `HostReport`."""
-        self._join(self.rows, self._part, self._out)
-        return self._out[0].astype(np.float64), self._out[1].copy()
+        """See `HostReport`; 0 for the largest numbers that are not asked for."""
+        self._join(self.rows, self._part, self._answer.numbers)
+        columns = self.rows.shape[1]
+        out, peaks = self._answer.read(), np.zeros(columns)
+        peaks[self._peaks] = out[columns:]
+        return out[:columns], peaks
 
     @ti.kernel
     def _join(self, rows: ti.types.ndarray(), part: ti.types.ndarray(), out: ti.types.ndarray()):
@@ -291,4 +299,7 @@ class Report:
             for group in range(ti.static(GROUPS)):
                 total += part[group, column]
                 most = ti.max(most, part[GROUPS + group, column])
-            out[0, column], out[1, column] = total, most
+            out[column] = total
+            for k in ti.static(range(len(self._peaks))):
+                if column == ti.static(self._peaks[k]):
+                    out[rows.shape[1] + k] = most

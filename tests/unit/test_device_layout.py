@@ -8,6 +8,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
+from taichi_cloth.backend.counting import counted
 from taichi_cloth.errors import BackendError
 from taichi_cloth.system.assembler import HostReport, Report
 
@@ -101,13 +102,18 @@ def test_a_report_of_many_blocks(rng):
     """Sums and largest numbers, also of negative ones, by as many groups and by more than there are rows."""
     run = runtime.start("cpu", "f64", 1)
     for blocks in (1, 7, 700):
-        numbers = rng.normal(size=(blocks, 4)) - [0.0, 9.0, 0.0, 99.0]
-        host, device = HostReport(blocks, 4, run), Report(blocks, 4, run)
+        numbers = rng.normal(size=(blocks, 40)) - np.tile([0.0, 9.0, 0.0, 99.0], 10)
+        host, device, some = (made(blocks, 40, peaks, run) for made, peaks in ((HostReport, []), (Report, list(range(40))),
+                                                                              (Report, [3, 31])))
         host.rows[:] = numbers
         device.rows.from_numpy(numbers)
-        for one, other in zip(host.columns(), device.columns()):
-            assert np.abs(one - other).max() < 1e-10
-        assert (device.columns()[1] == numbers.max(axis=0)).all()
+        some.rows.from_numpy(numbers)
+        with counted() as counts:
+            sums, peaks = some.columns()
+        assert (counts.with_arrays, counts.waits) == (0, 2)  # 42 numbers, of which 32 come at once
+        assert np.abs(host.columns()[0] - sums).max() < 1e-10 and (device.columns()[0] == sums).all()
+        assert (device.columns()[1] == numbers.max(axis=0)).all() and (host.columns()[1] == numbers.max(axis=0)).all()
+        assert (peaks[[3, 31]] == numbers.max(axis=0)[[3, 31]]).all() and np.count_nonzero(peaks) == 2
 
 
 def test_no_other_layout(monkeypatch):
@@ -120,6 +126,7 @@ ONE_THREAD = {  # functions with a loop that one thread goes through, and over w
     "backend/bvh.py: merge": "the nodes of a tree, on a CPU alone",
     "backend/phases.py: start": "blocks, on a CPU alone",
     "solver/pcg.py: _step": "nothing: a sum's groups within it",
+    "solver/pcg.py: residual": "the same",
     "solver/recurrences.py: total": "groups of blocks on a device, blocks on a CPU"}
 
 
