@@ -145,3 +145,14 @@ class Lists:
             return [array.reshape(-1, array.shape[2]).take(used, axis=0) for array in self.arrays]
         count = self.count.tolist()
         return [np.concatenate([rows[:k] for rows, k in zip(array, count)]) for array in self.arrays]
+
+    def handed_over(self) -> list[np.ndarray]:
+        """The same, on the host in any layout."""
+        return self.joined()
+
+    def owned(self) -> tuple[np.ndarray, np.ndarray]:
+        """(the piece of each row (k,), the rows (k, width) of the first column), where all fit."""
+        piece = np.flatnonzero(self.count)
+        count = self.count[piece]
+        owner, first = np.repeat(piece, count), np.cumsum(count) - count
+        return owner, self.arrays[0][owner, np.arange(len(owner)) - np.repeat(first, count)]

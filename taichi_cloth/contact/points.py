@@ -15,6 +15,7 @@ from ..backend import shared_kernels
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.rows import write
+from ..backend.runtime import for_device
 from ..forces import conditions
 from ..forces.force import Force
 from ..system.state import ParticleState, touching
@@ -200,7 +201,12 @@ class ContactForce(Force):
             return False
         if len(e) > self.capacity:
             self._grow(len(e))
+        before = self.vertices.rows
         self._use(len(e))
+        if for_device():
+            if len(e) or before:
+                self._hand_over(p, e, first)
+            return True
         write(self.first, first.astype(np.int32))
         write(self.vertices, p.vertices.take(e, axis=0).astype(np.int32))
         for field, numbers in ((self.weights, p.weights), (self.A, p.block), (self.rhs, p.rhs)):
@@ -213,6 +219,40 @@ class ContactForce(Force):
             write(self.normal, normal.take(e, axis=0).astype(self.exchange, copy=False))
             write(self.rotation_coupling, t.take(e, axis=0).astype(self.exchange, copy=False))
         return True
+
+    def _hand_over(self, p: ContactRows, entries: np.ndarray, first: np.ndarray) -> None:
+        """The same for a device: each point crosses over once, by one launch, though several blocks have it."""
+        if not len(entries):
+            self.first.fill(0)
+            return
+        columns = [p.weights, p.block, p.rhs]
+        if self.layered:
+            normal, t = p.normal, p.rotation_coupling
+            if normal is None or t is None:
+                normal, t = np.zeros((len(p.rhs), 3)), np.zeros((len(p.rhs), CORNERS, 3))
+            columns += [normal, t.reshape(-1, 3 * CORNERS)]
+        self._put(first.astype(np.int32), entries.astype(np.int32), p.vertices.astype(np.int32),
+                  np.concatenate(columns, axis=1).astype(self.exchange, copy=False))
+
+    @ti.kernel
+    def _put(self, first: ti.types.ndarray(), entries: ti.types.ndarray(), vertices: ti.types.ndarray(),
+             numbers: ti.types.ndarray()):
+        """Points vertices (k, 4) and numbers (k, .) into the rows of entries (e,), by blocks from first (blocks + 1,) on."""
+        for block in range(first.shape[0]):
+            self.first[block] = first[block]
+        for e in range(entries.shape[0]):
+            k = entries[e]
+            for c in ti.static(range(CORNERS)):
+                self.vertices[e][c], self.weights[e][c] = vertices[k, c], numbers[k, c]
+            for c in ti.static(range(6)):
+                self.A[e][c] = numbers[k, CORNERS + c]
+            for c in ti.static(range(3)):
+                self.rhs[e][c] = numbers[k, CORNERS + 6 + c]
+            if ti.static(self.layered):
+                for c in ti.static(range(3)):
+                    self.normal[e][c] = numbers[k, CORNERS + 9 + c]
+                for c in ti.static(range(3 * CORNERS)):
+                    self.rotation_coupling[e][c] = numbers[k, CORNERS + 12 + c]
 
     @ti.func
     def add_force(self, block, f: ti.template()):

@@ -6,13 +6,16 @@ are looked for again, and only theirs. A translation that most particles have in
 leaving it: it brings nothing nearer.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...backend.bvh import BVH, LEAF
 from ...backend.dealing import Dealer
+from ...backend.device_lists import lists
 from ...backend.fields import Fields
 from ...backend.language import ti
-from ...backend.rows import Lists, write
+from ...backend.rows import write
 from ...backend.sums import Sums
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
@@ -20,6 +23,7 @@ from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of, least_between
 from ..solid.pair_detector import MOST
+from .candidate_rows import known_part, rows_kind
 from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
@@ -172,12 +176,13 @@ class Candidates(Checkpointed):
         mesh: the faces and edges that pairs are made of.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         known_start, known_end: (n, 3) where the paths began and ended that pairs were looked for on.
-        candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `known_end` [m].
-        radii: (k,) the largest distances that they may have to keep [m]. These three change in place: nobody keeps a view.
+        known: pairs that may be near, with their distances at `known_end`: see `candidate_rows`. As arrays of numpy, which may
+            change in place, they are candidates (k, 3), distances (k,) [m] and radii (k,) [m].
         fresh: whether they cover paths near that.
     """
 
     STATE = ("candidates", "distances", "radii", "paths", "fresh")
+    candidates, distances, radii = (known_part(k) for k in range(3))
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange
@@ -189,13 +194,11 @@ class Candidates(Checkpointed):
         half = self.mesh.half_thickness
         skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
         self.paths = Paths(fields, model, skin)
-        self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
-        self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
-        self.radii: np.ndarray = np.zeros(0, dtype=self.exchange)
+        self.known: Any = rows_kind().none(self.exchange)
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.dealer = Dealer(fields, model.blocks, self.chunks)
-        self.found = Lists(self.chunks, -(-4 * m // self.chunks), [(3, np.int32)])
+        self.found = lists(self.chunks, -(-4 * m // self.chunks), [(3, np.int32)])
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
@@ -205,37 +208,24 @@ class Candidates(Checkpointed):
             return
         everything = count > MOST * self.model.n
         found = self._look_for(everything)
-        apart: np.ndarray = np.empty(len(found), dtype=self.exchange)
-        radii: np.ndarray = np.empty(len(found), dtype=self.exchange)
         if len(found):
-            self._distances(found, apart, radii)
-        if everything or not len(self.candidates):
-            self.candidates, self.distances, self.radii = found, apart, radii
+            self._distances(*found.arrays)
+        if everything or not len(self.known):
+            self.known = found
         else:
-            stays: np.ndarray = np.empty(len(self.candidates), dtype=np.int8)
-            self._stays(self.candidates, stays)
-            self._replace(stays.view(bool), found, apart, radii)
+            stays = self.known.numbers()
+            self._stays(self.known.arrays[0], stays)
+            self.known.replace(stays, found)
         self.fresh = True
 
-    def _replace(self, stays: np.ndarray, found: np.ndarray, apart: np.ndarray, radii: np.ndarray) -> None:
-        """Rows that were found, with their distances and radii, take the place of candidates that do not stay (k,)."""
-        before, kept = len(stays), int(np.count_nonzero(stays))
-        count = kept + len(found)
-        free = np.concatenate([np.flatnonzero(~stays[:count]), np.arange(before, count)])
-        last = count + np.flatnonzero(stays[count:])  # go where there is room
-        for rows, new in ((self.candidates, found), (self.distances, apart), (self.radii, radii)):
-            new = np.concatenate([new, rows[last]])
-            rows.resize((count, *rows.shape[1:]), refcheck=False)  # the system moves pages instead of copying them
-            rows[free] = new
-
-    def _look_for(self, everything: bool) -> np.ndarray:
-        """(k, 3) pairs of displaced particles, or all, that may come within reach, and twice the skin, on their paths."""
+    def _look_for(self, everything: bool) -> Any:
+        """Pairs of displaced particles, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
         self.paths.told = np.zeros((3, 3))  # it measures without a translation in common
         while True:
             self._walk(*self.found.arrays, self.found.count)
             if not self.found.grow():
-                return self.found.joined()[0]
+                return self.known.of(self.found.joined(), self.exchange)
 
     @ti.kernel
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):

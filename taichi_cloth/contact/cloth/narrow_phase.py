@@ -6,9 +6,10 @@ Candidates come from `broad_phase`; distances and the collision-free step are ta
 
 import numpy as np
 
+from ...backend.device_lists import lists
 from ...backend.fields import Fields
 from ...backend.language import ti
-from ...backend.rows import Lists, write
+from ...backend.rows import write
 from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
@@ -43,7 +44,7 @@ class LayerDetector(Candidates):
         self.resting = False
         real = fields.exchange
         kinds = [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)]
-        self.reached = Lists(min(self.chunks, PIECES), ROOM, kinds)
+        self.reached = lists(min(self.chunks, PIECES), ROOM, kinds)
 
     def let_rest(self, resting: np.ndarray, waived: np.ndarray | None = None) -> None:
         """Particles (n,) whose pairs with other such particles are left alone; and those that are led (n,), of which pairs are
@@ -55,13 +56,11 @@ class LayerDetector(Candidates):
 
     def collision_free_step(self) -> tuple[float, np.ndarray]:
         """(collision-free part of the path that `cover` has seen, 0 to 1; the pairs (k, 3) that limit it)."""
-        c = self.candidates
-        if not len(c):
-            return 1.0, c
-        part: np.ndarray = np.empty(len(c), dtype=self.exchange)
-        self._free(c, self.distances, self.radii, part)
-        least = float(part.min())
-        return least, c[part < 1]
+        if not len(self.known):
+            return 1.0, self.candidates
+        part = self.known.numbers(self.exchange)
+        self._free(*self.known.arrays, part)
+        return self.known.least(part)
 
     def particles_of(self, pairs: np.ndarray) -> np.ndarray:
         """(k, 4) particles of pairs (k, 3), see `ContactPairs.pair`."""
@@ -73,14 +72,14 @@ class LayerDetector(Candidates):
 
     def look(self, swept: bool = False) -> ContactPairs:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
-        if not len(self.candidates):
+        if not len(self.known):
             return ContactPairs.none()
         self.paths.count_deviating()
         while True:
-            self._look(self.candidates, self.distances, self.radii, int(swept), *self.reached.arrays, self.reached.count)
+            self._look(*self.known.arrays, int(swept), *self.reached.arrays, self.reached.count)
             if not self.reached.grow():
                 break
-        pair, vertices, weights, normal, numbers = self.reached.joined()
+        pair, vertices, weights, normal, numbers = self.reached.handed_over()
         start, end, factor, radius = np.ascontiguousarray(numbers.T, dtype=np.float64)
         return ContactPairs(pair.astype(np.int64), vertices.astype(np.int64), weights.astype(np.float64),
                             start, end, normal.astype(np.float64), factor, radius)
@@ -91,8 +90,8 @@ class LayerDetector(Candidates):
         self.paths.arrive()
         self.cover()
         out: np.ndarray = (2 * self.mesh.half_thickness).astype(self.exchange)
-        if len(self.candidates):
-            self._apart(self.candidates, out)
+        if len(self.known):
+            self._apart(self.known.arrays[0], out)
         return out.astype(np.float64)
 
     @ti.func

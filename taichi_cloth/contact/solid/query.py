@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...backend.device_lists import lists
 from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...scene.solids import MESH, Solid, SolidMesh
@@ -109,8 +110,7 @@ class SolidCollisionDetector:
         poses: np.ndarray = np.array([2 * self._pose(solid, 0.0) for solid in self.solids], dtype=self.exchange)
         self.poses = poses.reshape(-1, 24)  # at the two ends of a step
         self.size, self.depth, self.sought = 0.0, np.zeros(model.n), np.zeros(model.n, dtype=bool)
-        self._slots = np.zeros(model.n, dtype=np.int32)
-        self._rows: np.ndarray = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
+        self._slots = lists(model.n, SLOTS, [(WIDTH, self.exchange)])  # of each particle
 
     @property
     def fastest(self) -> float:
@@ -184,13 +184,11 @@ class SolidCollisionDetector:
     def detect(self) -> VertexContacts:
         """Contacts of the particles on their way from the saved to the current positions."""
         if self.vertices is not None:
-            self.vertices.detect(self.poses, self._slots, self._rows)
+            self.vertices.detect(self.poses, self._slots.count, *self._slots.arrays)
         if self.surfaces is not None:
-            self.surfaces.detect(self.poses, self._slots, self._rows, int(self.vertices is None))
-        i = np.flatnonzero(self._slots)
-        count = self._slots[i]
-        index, first = np.repeat(i, count), np.cumsum(count) - count
-        rows = self._rows[index, np.arange(len(index)) - np.repeat(first, count)].astype(np.float64, copy=False)
+            self.surfaces.detect(self.poses, self._slots.count, *self._slots.arrays, int(self.vertices is None))
+        index, rows = self._slots.owned()
+        rows = rows.astype(np.float64, copy=False)
         solid, triangle = rows[:, 8].astype(np.int64), rows[:, 9].astype(np.int64)
         mu = self.friction[solid]
         if self.tree is not None:
