@@ -3,22 +3,38 @@
 Arrays of numpy would be copied to the device and back at each launch, with all the room that they have.
 """
 
+from typing import Any
+
 import numpy as np
 
-from . import rows
+from . import compiler, rows
 from .language import ti
 from .runtime import for_device
 from .sums import GROUPS
 
+LEAST = 64  # rows that are handed over at first
+NAME = compiler.chosen().name
+PARTS = compiler.private("lang.impl", "lang._ndarray", "lang.enums:Layout", "_lib:core")
 
-def lists(pieces: int, room: int, kinds: list[tuple[int, type]]) -> "rows.Lists | DeviceLists":
-    """`rows.Lists`, or on a device these."""
-    return (DeviceLists if for_device() else rows.Lists)(pieces, room, kinds)
+
+def lists(pieces: int, room: int, kinds: list[tuple[int, type]], stay: bool = False) -> Any:
+    """`rows.Lists`, or on a device `DeviceLists`."""
+    return DeviceLists(pieces, room, kinds, stay) if for_device() else rows.Lists(pieces, room, kinds)
 
 
 def array(kind: type, *shape: int):
-    """An array in the device's memory."""
-    return ti.ndarray({np.int8: ti.i8, np.int32: ti.i32, np.float32: ti.f32, np.float64: ti.f64}[np.dtype(kind).type], shape)
+    """An array of zeros in the device's memory. Taichi's own way takes 100 to 200 us, for a note of where it was made."""
+    dtype = {np.int8: ti.i8, np.int32: ti.i32, np.float32: ti.f32, np.float64: ti.f64}[np.dtype(kind).type]
+    if PARTS.count(None) or NAME != "taichi":
+        return ti.ndarray(dtype, shape)
+    impl, ndarray, Layout, core = PARTS
+    out = ndarray.ScalarNdarray.__new__(ndarray.ScalarNdarray)
+    ndarray.Ndarray.__init__(out)
+    out.dtype = out.element_type = dtype
+    out.arr = impl.get_runtime().prog.create_ndarray(dtype, shape, layout=Layout.NULL, zero_fill=True,
+                                                     dbg_info=core.DebugInfo(""))
+    out.shape = tuple(out.arr.shape)
+    return out
 
 
 @ti.data_oriented
@@ -26,21 +42,30 @@ class PrefixSums:
     """Sums of the counts of all pieces before each.
 
     Attributes:
-        count: (pieces,) that a kernel writes; first: (pieces,) these sums.
+        count: (pieces,) that a kernel writes; first: (pieces,) these sums; told: (2,) the largest count, the sum of all.
     """
 
     def __init__(self, pieces: int) -> None:
         self.count, self.first = array(np.int32, pieces), array(np.int32, pieces)
-        self._of_group, self._told = array(np.int32, GROUPS), array(np.int32, 2)
+        self._of_group, self.told = array(np.int32, GROUPS), array(np.int32, 2)
+
+    def run(self) -> None:
+        """Makes them."""
+        self._make(self.count, self.first, self._of_group, self.told)
 
     def make(self) -> tuple[int, int]:
-        """(largest count, sum of all); the host waits for these."""
-        most, total = self._make(self.count, self.first, self._of_group, self._told)
+        """Makes them. (largest count, sum of all); the host waits for these."""
+        self.run()
+        most, total = self._tell(self.told)
         return int(most), int(total)
 
     @ti.kernel
+    def _tell(self, told: ti.types.ndarray()) -> ti.types.vector(2, ti.i32):
+        return ti.Vector([told[0], told[1]])
+
+    @ti.kernel
     def _make(self, count: ti.types.ndarray(), first: ti.types.ndarray(), of_group: ti.types.ndarray(),
-              told: ti.types.ndarray()) -> ti.types.vector(2, ti.i32):
+              told: ti.types.ndarray()):
         told[0], told[1] = 0, 0
         for group in range(ti.static(GROUPS)):
             total, most = 0, 0
@@ -57,7 +82,6 @@ class PrefixSums:
                 first[piece] = before
                 before += count[piece]
             ti.atomic_max(told[1], before)
-        return ti.Vector([told[0], told[1]])
 
     @ti.func
     def begin(self, group, count: ti.template()):
@@ -70,24 +94,43 @@ class PrefixSums:
 class DeviceLists:
     """`rows.Lists` on a device.
 
+    Args:
+        stay: whether `joined` columns are for kernels; else `handed_over` gives them to the host.
+
     Attributes:
         arrays: (pieces, room, width) each; count: (pieces,); total: rows of all pieces, after `grow`.
     """
 
-    def __init__(self, pieces: int, room: int, kinds: list[tuple[int, type]]) -> None:
-        self._kinds, self._sums, self.total = kinds, PrefixSums(pieces), 0
+    def __init__(self, pieces: int, room: int, kinds: list[tuple[int, type]], stay: bool = False) -> None:
+        self._kinds, self._stay, self._sums, self.total = kinds, stay, PrefixSums(pieces), 0
         self.count = self._sums.count
+        self._whole = [np.dtype(kind).kind != "f" for _, kind in kinds]
+        self._real = next((kind for _, kind in kinds if np.dtype(kind).kind == "f"), np.float32)
         self._make(room)
+        self._widths = [max(sum(w for (w, _), whole in zip(kinds, self._whole) if whole == integer) + integer, 1 + integer)
+                        for integer in (False, True)]  # of all reals; of the piece of a row and all integers
+        self._expect(LEAST)
 
     def _make(self, room: int) -> None:
         self.arrays = [array(kind, self.count.shape[0], room, width) for width, kind in self._kinds]
 
+    def _expect(self, total: int) -> None:
+        """So many rows are handed over next."""
+        self._expected = total
+        self._reals, self._integers = array(self._real, total, self._widths[0]), array(np.int32, total, self._widths[1])
+
     def grow(self) -> bool:
-        """Makes room for entries that did not fit; False if all did. The host waits once."""
-        most, self.total = self._sums.make()
+        """Makes room for entries that did not fit; False if all did. The host waits for the rows that it gets."""
+        if self._stay:
+            most, self.total = self._sums.make()
+        else:
+            most = self._fetch()
         if most > self.arrays[0].shape[1]:
             self._make(int(rows.GROWTH * most))
             return True
+        if not self._stay and self.total > self._expected:
+            self._expect(int(rows.GROWTH * self.total))
+            self._fetch()
         return False
 
     def joined(self) -> list:
@@ -98,55 +141,58 @@ class DeviceLists:
         return out
 
     def handed_over(self) -> list[np.ndarray]:
-        """Columns (total, width) on the host: rows that are there cross over, by one launch."""
-        return self._packed()[1]
+        """Columns (total, width) on the host."""
+        out, ends = [], [0, 1]
+        for (width, _), whole in zip(self._kinds, self._whole):
+            out.append((self._fetched[whole])[: self.total, ends[whole]: ends[whole] + width])
+            ends[whole] += width
+        return out
 
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """See `rows.Lists`."""
         self.grow()
-        piece, columns = self._packed()
-        return piece, columns[0]
+        return self._fetched[1][: self.total, 0], self.handed_over()[0]
 
-    def _packed(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """(piece of each row (total,), columns (total, width))"""
-        kinds = [np.dtype(kind) for _, kind in self._kinds]
-        real = next((kind for kind in kinds if kind.kind == "f"), np.dtype(np.float32))
-        width = {whole: sum(w for w, kind in self._kinds if (np.dtype(kind).kind != "f") == whole) for whole in (False, True)}
-        reals: np.ndarray = np.empty((self.total, max(width[False], 1)), dtype=real)
-        integers: np.ndarray = np.empty((self.total, 1 + width[True]), dtype=np.int32)
-        ends, places = {False: 0, True: 1}, []
-        for (w, _), kind in zip(self._kinds, kinds):
-            whole = kind.kind != "f"
-            places.append((whole, ends[whole], ends[whole] + w))
-            ends[whole] += w
-        if self.total:
-            there = {False: array(real.type, *reals.shape), True: array(np.int32, *integers.shape)}
-            self._name(self.count, self._sums.first, there[True])
-            for column, (whole, begin, _) in zip(self.arrays, places):
-                self._join(column, self.count, self._sums.first, there[whole], begin)
-            self._hand(there[False], there[True], reals, integers)
-        return integers[:, 0], [(integers if whole else reals)[:, begin:end] for whole, begin, end in places]
+    def _fetch(self) -> int:
+        """The host gets as many rows as are expected, and their number, by one launch. Returns the largest count."""
+        count = self._expected
+        reals: np.ndarray = np.empty((count, self._widths[0]), dtype=self._real)
+        integers: np.ndarray = np.empty((count + 1, self._widths[1]), dtype=np.int32)
+        self._sums.run()
+        self._name(self.count, self._sums.first, self._integers)
+        ends = [0, 1]
+        for column, (width, _), whole in zip(self.arrays, self._kinds, self._whole):
+            self._join(column, self.count, self._sums.first, (self._reals, self._integers)[whole], ends[whole])
+            ends[whole] += width
+        self._hand(self._reals, self._integers, self._sums.told, reals, integers)
+        self.total, self._fetched = int(integers[count, 1]), (reals, integers)
+        return int(integers[count, 0])
 
     @ti.kernel
     def _join(self, column: ti.types.ndarray(), count: ti.types.ndarray(), first: ti.types.ndarray(), out: ti.types.ndarray(),
               at: int):
+        """Rows of a column that are there, and for which there is room, one after the other."""
         for k in range(column.shape[0] * column.shape[1]):
             piece, row = k // column.shape[1], k % column.shape[1]
-            if row < count[piece]:
+            if row < count[piece] and first[piece] + row < out.shape[0]:
                 for c in range(column.shape[2]):
                     out[first[piece] + row, at + c] = column[piece, row, c]
 
     @ti.kernel
     def _name(self, count: ti.types.ndarray(), first: ti.types.ndarray(), out: ti.types.ndarray()):
+        """The piece of each of them."""
         for piece in range(count.shape[0]):
             for row in range(count[piece]):
-                out[first[piece] + row, 0] = piece
+                if first[piece] + row < out.shape[0]:
+                    out[first[piece] + row, 0] = piece
 
     @ti.kernel
-    def _hand(self, reals: ti.types.ndarray(), integers: ti.types.ndarray(), to_reals: ti.types.ndarray(),
-              to_integers: ti.types.ndarray()):
-        for k in range(integers.shape[0]):
+    def _hand(self, reals: ti.types.ndarray(), integers: ti.types.ndarray(), told: ti.types.ndarray(),
+              to_reals: ti.types.ndarray(), to_integers: ti.types.ndarray()):
+        for k in range(reals.shape[0]):
             for c in range(reals.shape[1]):
                 to_reals[k, c] = reals[k, c]
             for c in range(integers.shape[1]):
                 to_integers[k, c] = integers[k, c]
+        for c in range(2):
+            to_integers[integers.shape[0], c] = told[c]

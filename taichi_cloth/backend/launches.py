@@ -17,8 +17,8 @@ from . import compiler, counting
 from .timing import compiling
 
 PACKAGE = __name__.split(".")[0]
-impl, kernel_impl, ndarray_type, primitive_types = compiler.private(
-    "lang.impl", "lang.kernel_impl", "types.ndarray_type", "types.primitive_types")
+impl, kernel_impl, ndarray_type, primitive_types, Ndarray = compiler.private(
+    "lang.impl", "lang.kernel_impl", "types.ndarray_type", "types.primitive_types", "lang._ndarray:ScalarNdarray")
 LARGEST = np.iinfo(np.int32).max  # numbers of an array that Taichi can tell apart
 SWAPS = [0]  # how often numbers of a simulation were swapped out of its fields: see field_pool.py
 REALS, INTEGERS = (float, int, np.floating, np.integer), (int, np.integer)
@@ -74,9 +74,11 @@ class Launcher:
         context = made.make_launch_context()
         for k, slot, kind in self._handed:
             arg = args[k]
-            if kind == "array":
+            if kind == "array" and type(arg) is np.ndarray:
                 address = arg.__array_interface__["data"][0]
                 context.set_arg_external_array_with_shape(slot, address, arg.nbytes, arg.shape, 0)
+            elif kind == "array":
+                context.set_arg_ndarray(slot, arg.arr)
             elif kind == "real":
                 context.set_arg_float(slot, float(arg))
             else:
@@ -98,7 +100,12 @@ class Launcher:
         for k, _, kind in self._handed:
             arg = args[k]
             if kind == "array":
-                if type(arg) is not np.ndarray or not arg.flags.c_contiguous or arg.size > LARGEST:
+                if type(arg) is not np.ndarray:
+                    if Ndarray is None or type(arg) is not Ndarray or arg.grad is not None:
+                        return None
+                    out += Ndarray, id(arg.dtype), len(arg.shape)
+                    continue
+                if not arg.flags.c_contiguous or arg.size > LARGEST:
                     return None
                 out += arg.dtype, arg.ndim
             elif not isinstance(arg, REALS if kind == "real" else INTEGERS):

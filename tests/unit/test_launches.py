@@ -71,6 +71,25 @@ def test_results_are_taichis(slow):
     assert launch(twice, "total", np.float64([1.0, 2.0]), np.int64(3)) == 6.0 and count[0] == 6
 
 
+def test_arrays_of_a_device_are_handed_over_as_they_are(slow):
+    """Arrays of numpy beside them, others of another type, others of the same after them."""
+    count, launch = slow
+    owner, a, out = Sums(2.0), ti.ndarray(ti.f64, 5), ti.ndarray(ti.f64, 5)
+    a.from_numpy(np.arange(5.0))
+    for k in range(3):
+        launch(owner, "add", a, k, 0.5, out)
+        assert np.array_equal(out.to_numpy(), 2 * np.arange(5.0) + k * 0.5) and count[0] == 1
+    on_host = np.zeros(5)
+    for k in range(2):
+        launch(owner, "add", a, k, 0.5, on_host)
+        assert np.array_equal(on_host, 2 * np.arange(5.0) + k * 0.5) and count[0] == 2
+    whole = ti.ndarray(ti.i32, 7)
+    whole.from_numpy(np.arange(7, dtype=np.int32))
+    for k in range(2):
+        assert launch(owner, "total", whole, k) == 21 + k and launch(owner, "total", a, k) == 10 + k
+    assert count[0] == 4
+
+
 def test_what_differs_is_compiled_anew(slow):
     count, launch = slow
     owner, a, out = Sums(2.0), np.arange(6.0), np.zeros(6)

@@ -198,7 +198,7 @@ class Candidates(Checkpointed):
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.dealer = Dealer(fields, model.blocks, self.chunks)
-        self.found = lists(self.chunks, -(-4 * m // self.chunks), [(3, np.int32)])
+        self.found = lists(self.chunks, -(-4 * m // self.chunks), [(3, np.int32)], stay=True)
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures

@@ -4,6 +4,8 @@ A kernel gets `arrays`: ids (k, 3) of pairs, see `ContactPairs.pair`; their dist
 that they may have to keep.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...backend.device_lists import PrefixSums, array
@@ -199,6 +201,6 @@ def known_part(k: int) -> property:
     return property(lambda self: self.known.read()[k], lambda self, values: self.known.put(k, values))
 
 
-def rows_kind() -> type:
+def rows_kind() -> Any:
     """The kind that suits the layout."""
     return DeviceRows if for_device() else HostRows

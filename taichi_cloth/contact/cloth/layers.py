@@ -30,6 +30,7 @@ from .barrier import FLOOR
 from .broad_phase import ROUNDING
 from .contact_pairs import CLOSE, AdaptiveStiffness, Comparison, ContactPairs, EndedPairs, LinearizedPairs
 from .narrow_phase import LayerDetector
+from .resident_pairs import pair_calls
 from .untangle import Intersections
 
 LATER = 3  # after so many solves, contacts with solids that still change do not prevent acceptance, nor, with pinched or
@@ -71,7 +72,7 @@ class Layers(Checkpointed):
         self.intersections = Intersections(model.n, d.mesh, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
-        self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
+        self.calls = d.calls = pair_calls(self.kind(fields, model, np.sqrt(mu)[model.user]), fields.exchange)
         self.gravity = scene.gravity
         self.adaptive_stiffness = AdaptiveStiffness(model.n)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
@@ -130,16 +131,14 @@ class Layers(Checkpointed):
     def points(self, base: np.ndarray) -> ContactRows:
         """All pairs linearized as `ContactRows`, for a solve from positions base (n, 3)."""
         p, q, k = self.near, self.linearized if self.compared is not None else None, len(self.near.end)
-        (weighed, rotation_coupling), taken = self._evaluate(p), np.empty((pair_kernels.TAKEN, k))
-        block, rhs = np.empty((k, 6)), np.empty((k, 3))
+        weighed, rotation_coupling = self._evaluate(p)
         row = self.compared.rows if self.compared is not None else np.full(k, -1)
         before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
-        if k:
-            there = self.predicted if self.compared is None else base
-            rubbed, slipped = self.kept.rubbed(p)
-            self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, rotation_coupling,
-                                   self.start.h, self.start.c, int(not self.round), base, there, self._last_forces(p), rubbed,
-                                   np.where(row < 0, slipped, np.inf), row, before, taken, block, rhs)
+        there = self.predicted if self.compared is None else base
+        rubbed, slipped = self.kept.rubbed(p)
+        taken, block, rhs = self.calls.linearize(
+            p, weighed, rotation_coupling, self.start.h, self.start.c, int(not self.round), base, there, self._last_forces(p),
+            rubbed, np.where(row < 0, slipped, np.inf), row, before)
         points = ContactRows(p.vertices, p.weights, block, rhs, p.normal, rotation_coupling)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:
@@ -375,16 +374,11 @@ class Layers(Checkpointed):
     def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
         """((., k) numbers, (k, 4, 3) `rotation_coupling`) of pairs as they are, see `pair_kernels`."""
         if self._weighed is None or self._weighed[0] is not p:
-            out, rotation_coupling = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
-            if len(p.end):
-                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor,
-                                      self.adaptive_stiffness.factors, self.start.h, out, rotation_coupling)
-            self._weighed = p, out, rotation_coupling
+            self._weighed = p, *self.calls.evaluate(p, self.adaptive_stiffness.factors, self.start.h)
         return self._weighed[1:]
 
     def _measure(self, q: LinearizedPairs) -> np.ndarray:
         """(., j) numbers of pairs that a solve took, where the model now is."""
-        p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
-        if len(p.end):
-            self.kernels.measure(p.vertices, p.weights, p.normal, q.points.rotation_coupling, q.taken, self.start.h, out)
-        return out
+        coupling = q.points.rotation_coupling
+        assert coupling is not None
+        return self.calls.measure(q.near, coupling, q.taken, self.start.h)

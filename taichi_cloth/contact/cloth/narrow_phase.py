@@ -4,6 +4,8 @@ along it.
 Candidates come from `broad_phase`; distances and the collision-free step are taken pair by pair.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...backend.device_lists import lists
@@ -42,6 +44,7 @@ class LayerDetector(Candidates):
         self.floor = floor
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest, or that solids lead
         self.resting = False
+        self.calls: Any = None  # the layers' `resident_pairs.PairCalls`
         real = fields.exchange
         kinds = [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)]
         self.reached = lists(min(self.chunks, PIECES), ROOM, kinds)
@@ -81,8 +84,11 @@ class LayerDetector(Candidates):
                 break
         pair, vertices, weights, normal, numbers = self.reached.handed_over()
         start, end, factor, radius = np.ascontiguousarray(numbers.T, dtype=np.float64)
-        return ContactPairs(pair.astype(np.int64), vertices.astype(np.int64), weights.astype(np.float64),
-                            start, end, normal.astype(np.float64), factor, radius)
+        found = ContactPairs(pair.astype(np.int64), vertices.astype(np.int64), weights.astype(np.float64),
+                             start, end, normal.astype(np.float64), factor, radius)
+        if self.calls is not None and self.calls.resident:
+            self.calls.took(found, self.reached.joined())
+        return found
 
     def apart(self) -> np.ndarray:
         """(n,) how far [m] particles are, where the model is, from those they were sewn to and are no more, a thickness
