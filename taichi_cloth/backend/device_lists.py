@@ -7,34 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from . import compiler, rows
+from . import rows
+from .device_arrays import array
 from .language import ti
 from .runtime import for_device
 from .sums import GROUPS
 
 LEAST = 64  # rows that are handed over at first
-NAME = compiler.chosen().name
-PARTS = compiler.private("lang.impl", "lang._ndarray", "lang.enums:Layout", "_lib:core")
 
 
 def lists(pieces: int, room: int, kinds: list[tuple[int, type]], stay: bool = False) -> Any:
     """`rows.Lists`, or on a device `DeviceLists`."""
     return DeviceLists(pieces, room, kinds, stay) if for_device() else rows.Lists(pieces, room, kinds)
-
-
-def array(kind: type, *shape: int):
-    """An array of zeros in the device's memory. Taichi's own way takes 100 to 200 us, for a note of where it was made."""
-    dtype = {np.int8: ti.i8, np.int32: ti.i32, np.float32: ti.f32, np.float64: ti.f64}[np.dtype(kind).type]
-    if PARTS.count(None) or NAME != "taichi":
-        return ti.ndarray(dtype, shape)
-    impl, ndarray, Layout, core = PARTS
-    out = ndarray.ScalarNdarray.__new__(ndarray.ScalarNdarray)
-    ndarray.Ndarray.__init__(out)
-    out.dtype = out.element_type = dtype
-    out.arr = impl.get_runtime().prog.create_ndarray(dtype, shape, layout=Layout.NULL, zero_fill=True,
-                                                     dbg_info=core.DebugInfo(""))
-    out.shape = tuple(out.arr.shape)
-    return out
 
 
 @ti.data_oriented

@@ -63,7 +63,10 @@ def _handed_over(field, which: np.ndarray | None) -> np.ndarray:
 
 
 def write(field, data: np.ndarray) -> None:
-    """Sets the first rows of a field, as many as there are in data."""
+    """Sets the first rows of a field, as many as there are in data. A single number goes with a launch."""
+    if by_kernels() and data.size == 1:
+        (_set_integer if data.dtype.kind in "iu" else _set_real)(field, data.item())
+        return
     if counting.now is not None:
         counting.now.write(data.nbytes)
     if not by_kernels():
@@ -99,6 +102,16 @@ def hand_over(field: ti.template(), width: ti.template(), row, out: ti.template(
 def _put(into: ti.template(), width: ti.template(), numbers: ti.types.ndarray()):
     for j in range(numbers.shape[0]):
         fill(into, width, j, numbers[j])
+
+
+@ti.kernel
+def _set_real(field: ti.template(), number: float):
+    field[0] = number
+
+
+@ti.kernel
+def _set_integer(field: ti.template(), number: int):
+    field[0] = number
 
 
 @ti.func

@@ -141,7 +141,7 @@ class Contacts(Checkpointed):
         solids.look()
         solids.record_forces(reaction, self.base[0])
         balance.inertia = balance.unrubbed(inertia)
-        self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
+        self.found = balance.assess_linear(solids.near.end_velocities, reaction, self.base[0])
         others = solids.wanting() + int(solids.pinches.possible and solids.pinches.lags(self.start, solids.near.end_positions))
         r = self.found.residual
         agrees = r.relative <= max(self.enough, left / r.acting) and not balance.smoothed and not others

@@ -46,9 +46,9 @@ class Pointwise(Checkpointed):
             return
         full = np.trace(held.projector, axis1=1, axis2=2) > FULLY
         if full.all():
-            self.build(held.index)
+            self.build(held.arrays[0])
         else:  # compiled only for scenes with 1 or 2 held directions
-            self.build_partly(held.index, held.projector)
+            self.build_partly(*held.arrays[:2])
 
     def forget(self) -> None:
         """Nothing here outlasts a solve."""

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..backend.device_arrays import array
 from ..backend.fields import Fields
 from ..backend.language import ti
+from ..backend.runtime import for_device
 from ..errors import SceneError, shown
 from ..scene.attachment import orthonormal
 from .held import Held, kernel_array
@@ -72,6 +74,24 @@ class Filter:
     def __init__(self, fields: Fields, model: ParticleState, dv) -> None:
         self.model, self.dv = model, dv
 
+    def bring(self, held: Held) -> None:
+        """A device gets copies of what is held, once."""
+        if for_device() and len(held.index) and not held.copies:
+            kinds = np.int32, *(self.model.exchange,) * 3
+            held.copies.extend(array(kind, *rows.shape) for kind, rows in zip(kinds, held.arrays))
+            self._bring(held.index, held.projector, held.target, held.y, *held.copies)
+
+    @ti.kernel
+    def _bring(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
+               y: ti.types.ndarray(), to_index: ti.types.ndarray(), to_projector: ti.types.ndarray(),
+               to_target: ti.types.ndarray(), to_y: ti.types.ndarray()):
+        for k in range(index.shape[0]):
+            to_index[k] = index[k]
+            for a in ti.static(range(3)):
+                to_target[k, a], to_y[k, a] = target[k, a], y[k, a]
+                for b in ti.static(range(3)):
+                    to_projector[k, a, b] = projector[k, a, b]
+
     @ti.kernel
     def prescribe(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
                   y: ti.types.ndarray(), h: float, zero: int):
@@ -118,6 +138,20 @@ class Filter:
         for k in range(index.shape[0]):
             i = index[k]
             self.dv[i] = self.dv[i] + project(projector, k, row(z, k) - self.dv[i])
+
+
+    @ti.kernel
+    def impose_rest(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float,
+                    zero: int):
+        """`impose` with the velocities that lead from where the model is to targets (k, 3) [m] in a span c [s]."""
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for i in range(self.model.rows()):
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.dv[i] = self.dv[i] + project(projector, k, (row(target, k) - self.model.x[i]) / c - self.dv[i])
 
 
 @ti.func

@@ -1,7 +1,7 @@
 """Held particles of a step: I - S, the projector on their held directions, and their targets, by a script's attachments.
 [BW98 §5.1] numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ class Held:
         target: (k, 3) positions [m] that the held directions must have at the end of the step.
         moving: whether any of them is led along a path, or by a solid.
         y: (k, 3) part of the way there [m] that is an alteration of position, not motion; 0 for pins.
+        copies: of index, projector, target and y on a device.
     """
 
     index: np.ndarray
@@ -29,6 +30,12 @@ class Held:
     target: np.ndarray
     moving: bool
     y: np.ndarray
+    copies: list = field(init=False, default_factory=list, repr=False, compare=False)
+
+    @property
+    def arrays(self) -> tuple:
+        """(index, projector, target, y) as kernels take them: on a device copies, where `Filter.bring` made these."""
+        return tuple(self.copies) or (self.index, self.projector, self.target, self.y)
 
     @classmethod
     def of(cls, index: ArrayLike, projector: ArrayLike, target: ArrayLike, moving: bool, y: ArrayLike, dtype: type) -> "Held":

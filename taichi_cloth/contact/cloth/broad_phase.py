@@ -67,6 +67,7 @@ class Paths(Checkpointed):
         self.told: np.ndarray = np.zeros((3, 3))  # `common`, as it was written last
         self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int32))
         self._taken: np.ndarray = np.zeros((4, len(self._samples), 3), dtype=model.exchange)
+        self._part: np.ndarray = np.zeros(1, dtype=model.exchange)
         self._skin = float(model.exchange(skin))
 
     @ti.kernel
@@ -101,7 +102,8 @@ class Paths(Checkpointed):
 
     def _most_common(self) -> np.ndarray:
         """`common`, by medians of some particles; 0 where no fewer of these deviate by that."""
-        part = self._take(self._samples, self._taken)
+        self._take(self._samples, self._taken, self._part)
+        part = float(self._part[0])
         x, start, begun, ended = self._taken.astype(np.float64)
         ways = np.stack([start - begun - part * (ended - begun), x - ended, start - ended])
         common = np.median(ways, axis=1)
@@ -109,14 +111,14 @@ class Paths(Checkpointed):
         return common if np.count_nonzero(deviate) < np.count_nonzero(still) else 0 * common
 
     @ti.kernel
-    def _take(self, which: ti.types.ndarray(), out: ti.types.ndarray()) -> float:
-        """Where some particles are, start, and the known paths began and ended; returns `part`."""
+    def _take(self, which: ti.types.ndarray(), out: ti.types.ndarray(), part: ti.types.ndarray()):
+        """Where some particles are, start, and the known paths began and ended; `part` (1,)."""
+        part[0] = self.part[0]
         for k in range(which.shape[0]):
             i = which[k]
             for c in ti.static(range(3)):
                 out[0, k, c], out[1, k, c] = self.model.x[i][c], self.start[i][c]
                 out[2, k, c], out[3, k, c] = self.known_start[i][c], self.known_end[i][c]
-        return self.part[0]
 
     @ti.func
     def walk(self, i, everything):

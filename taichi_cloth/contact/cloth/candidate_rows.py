@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...backend.device_lists import PrefixSums, array
+from ...backend.device_arrays import array
+from ...backend.device_lists import PrefixSums
 from ...backend.language import ti
 from ...backend.runtime import for_device
 

@@ -4,32 +4,13 @@ There a pair's ids, weights and normals are where they were found, and numbers t
 besides going to the host. What the host alone knows crosses over.
 """
 
-import weakref
-from typing import Any
-
 import numpy as np
 
-from ...backend.device_lists import array
+from ...backend.device_arrays import Copies, Mirror, array
 from ...backend.language import ti
 from ...backend.runtime import for_device
 from .contact_pairs import ContactPairs
 from .pair_kernels import LED, TAKEN, WEIGHED, PairKernels
-
-
-class Copies:
-    """What a device has of things of the host, for as long as these live."""
-
-    def __init__(self) -> None:
-        self._of: dict[int, Any] = {}
-
-    def keep(self, host: Any, copy: Any) -> None:
-        """The device has a copy of it from now on; nothing changes it."""
-        self._of[id(host)] = copy
-        weakref.finalize(host, self._of.pop, id(host), None).atexit = False
-
-    def of(self, host: Any) -> Any:
-        """The copy, or the thing itself."""
-        return self._of.get(id(host), host)
 
 
 class PairCalls:
@@ -96,8 +77,7 @@ class DevicePairCalls(PairCalls):
 
     def __init__(self, kernels: PairKernels, exchange: type) -> None:
         super().__init__(kernels, exchange)
-        self.copies = Copies()
-        self._boost: tuple[np.ndarray, Any] | None = None  # factors, and their copy
+        self.copies, self._boost = Copies(), Mirror()
 
     def took(self, p: ContactPairs, columns: list) -> None:
         """Pairs that were found are on the device as the columns of `LayerDetector.reached`."""
@@ -112,10 +92,7 @@ class DevicePairCalls(PairCalls):
 
     def _evaluate(self, p: ContactPairs, boost: np.ndarray, h: float, *out: np.ndarray) -> None:
         made = [array(self.exchange, *host.shape) for host in out]
-        if self._boost is None or not np.array_equal(boost, self._boost[0]):
-            self._boost = boost, array(self.exchange, len(boost))
-            self._copy(*self._boost)
-        self.kernels.evaluate(*self._there(p), self._boost[1], h, *made)
+        self.kernels.evaluate(*self._there(p), self._boost.of(boost), h, *made)
         self._give_evaluated(*made, *out)
         for host, copy in zip(out, made):
             self.copies.keep(host, copy)
@@ -129,11 +106,6 @@ class DevicePairCalls(PairCalls):
 
     def _measure(self, p: ContactPairs, coupling: np.ndarray, taken: np.ndarray, h: float, out: np.ndarray) -> None:
         self.kernels.measure(*self._there(p)[1:4], self.copies.of(coupling), self.copies.of(taken), h, out)
-
-    @ti.kernel
-    def _copy(self, numbers: ti.types.ndarray(), to: ti.types.ndarray()):
-        for i in range(numbers.shape[0]):
-            to[i] = numbers[i]
 
     @ti.kernel
     def _split(self, numbers: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(),

@@ -62,7 +62,7 @@ class PairCandidates:
         self.margin = fields.real(1, data=np.array([margin]))
         self.skin = fields.real(1, data=np.array([SKIN * min(s.thickness for _, s in tree.solids)]))
         self.known_start, self.known_end = fields.real(model.n, 3), fields.real(model.n, 3)  # paths of the traversal
-        self.moved = fields.integer(model.n)  # whether a particle's path has left them
+        self.moved, self._far = fields.integer(model.n), fields.integer(1)  # whether a particle's path has left them; how many
         self.rows: np.ndarray = np.zeros((0, 2), dtype=np.int32)
         self._refits = 0  # of the tree, when it was traversed
         self._room: np.ndarray = np.zeros((1024, 2), dtype=np.int32)
@@ -79,11 +79,10 @@ class PairCandidates:
         """(k, 2) rows that hold every pair which comes within range on the paths that the model now has."""
         everything = self._refits != self.tree.refits
         if not everything:
-            self._count[0] = 0
-            self._find_moved(self._count)
-            if not self._count[0]:
+            count = self._find_moved()
+            if not count:
                 return self.rows
-            everything = bool(self._count[0] > MOST * self.model.n)
+            everything = bool(count > MOST * self.model.n)
         self._take_paths(int(everything))
         found = self._look_for()
         if not everything and len(self.rows):
@@ -108,14 +107,16 @@ class PairCandidates:
             self._room = np.zeros((3 * found // 2, 2), dtype=np.int32)
 
     @ti.kernel
-    def _find_moved(self, count: ti.types.ndarray()):
-        """A pair's distance at the start less its speed changes by no more than 2 |dx_0| + |dx|."""
+    def _find_moved(self) -> int:
+        """How many particles have. A pair's distance at the start less its speed changes by no more than 2 |dx_0| + |dx|."""
+        self._far[0] = 0
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             off = 2 * (self.model.x_saved[i] - self.known_start[i]).norm() + (self.model.x[i] - self.known_end[i]).norm()
             self.moved[i] = ti.cast(off > self.skin[0], ti.i32)
             if self.moved[i] == 1:
-                ti.atomic_add(count[0], 1)
+                ti.atomic_add(self._far[0], 1)
+        return self._far[0]
 
     @ti.kernel
     def _take_paths(self, everything: int):

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...backend.device_arrays import Mirror
 from ...backend.device_lists import lists
 from ...backend.fields import Fields
 from ...scene.scene import Scene
@@ -27,12 +28,14 @@ class ContactCandidates:
         end_positions: (n, 3) positions where it was [m].
         vertices: contacts of particles; slip: (k, 3) their velocity against the solid [m/s].
         pairs: with edges and corners of solids; None where none has any.
+        end_velocities: (n, 3) [m/s] with which it was there.
     """
 
     end_positions: np.ndarray
     vertices: VertexContacts
     slip: np.ndarray
     pairs: Pairs | None
+    end_velocities: np.ndarray
 
     @property
     def any_pairs(self) -> bool:
@@ -46,7 +49,7 @@ class ContactCandidates:
         keep, pairs = ~pinched[self.vertices.index], self.pairs
         if pairs is not None:
             pairs = pairs.take(~around[pairs.own_vertices].any(axis=1))
-        return ContactCandidates(self.end_positions, self.vertices.take(keep), self.slip[keep], pairs)
+        return ContactCandidates(self.end_positions, self.vertices.take(keep), self.slip[keep], pairs, self.end_velocities)
 
     def raised(self, by: np.ndarray) -> "ContactCandidates":
         """Particles (n,) are to be so much [m] further from solids."""
@@ -108,7 +111,7 @@ class SolidCollisionDetector:
             self.pairs = PairDetector(fields, model, scene, self.tree)
             self.crossings = CrossingCounter(model, self.pairs.near, self.tree)
         poses: np.ndarray = np.array([2 * self._pose(solid, 0.0) for solid in self.solids], dtype=self.exchange)
-        self.poses = poses.reshape(-1, 24)  # at the two ends of a step
+        self.poses, self._mirror = poses.reshape(-1, 24), Mirror()  # at the two ends of a step
         self.size, self.depth, self.sought = 0.0, np.zeros(model.n), np.zeros(model.n, dtype=bool)
         self._slots = lists(model.n, SLOTS, [(WIDTH, self.exchange)])  # of each particle
 
@@ -178,15 +181,16 @@ class SolidCollisionDetector:
 
     def look(self, h: float) -> ContactCandidates:
         """Contacts and pairs of cloth on its way from the saved state to where the model now is, in a step of h [s]."""
-        f, there = self.detect(), self.model.read_particles()[0]
-        return ContactCandidates(there, f, tangential((there[f.index] - f.carried) / h, f.normal), self.find_pairs())
+        f, (there, v) = self.detect(), self.model.read_particles()
+        return ContactCandidates(there, f, tangential((there[f.index] - f.carried) / h, f.normal), self.find_pairs(), v)
 
     def detect(self) -> VertexContacts:
         """Contacts of the particles on their way from the saved to the current positions."""
+        poses = self._mirror.of(self.poses)
         if self.vertices is not None:
-            self.vertices.detect(self.poses, self._slots.count, *self._slots.arrays)
+            self.vertices.detect(poses, self._slots.count, *self._slots.arrays)
         if self.surfaces is not None:
-            self.surfaces.detect(self.poses, self._slots.count, *self._slots.arrays, int(self.vertices is None))
+            self.surfaces.detect(poses, self._slots.count, *self._slots.arrays, int(self.vertices is None))
         index, rows = self._slots.owned()
         rows = rows.astype(np.float64, copy=False)
         solid, triangle = rows[:, 8].astype(np.int64), rows[:, 9].astype(np.int64)

@@ -78,7 +78,8 @@ class SolidContacts(Checkpointed):
         self.trial = self.accepted = States()
         self.unsettled = 0
         self.pinned = np.zeros(model.n, dtype=bool)
-        self.near = ContactCandidates(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
+        nowhere = np.zeros((model.n, 3))
+        self.near = ContactCandidates(nowhere, VertexContacts.none(), np.zeros((0, 3)), None, nowhere)
         self.active = ActiveSet.none()
         self.sliding, self.repulsion, self.forces = Sliding(), ContactRows.none(), NO_FORCES
         self.linearized: Pairs | None = None

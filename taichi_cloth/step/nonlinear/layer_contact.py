@@ -85,7 +85,7 @@ class LayerStep(EulerStep):
                 here = system.linearize(h, over=self.over)
                 self.before = replace(here, energies={**here.energies, "contact": self.layers.energy})
         with self.clock.part("CG"):
-            z = system.to_go(held, h) if k else None
+            z = system.rest(held, h) if k else None
             tolerance, least_reference = self.cg_tol * (LOOSER if self.more_expected and k else 1.0), self.reference
             if self.agreed:  # all but the energy is right: residuals of solves have made it grow
                 tolerance, least_reference = self.cg_tol, 0.0

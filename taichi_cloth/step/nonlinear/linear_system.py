@@ -8,7 +8,7 @@ import numpy as np
 from ...backend.fields import Fields
 from ...backend.language import ti
 from ...backend.rows import read
-from ...backend.runtime import Runtime
+from ...backend.runtime import Runtime, for_device
 from ...options import Options
 from ...scene.scene import Scene
 from ...solver.pcg import BREAKDOWN, NOT_FINITE, PCG, Solution
@@ -194,7 +194,7 @@ class System:
             force.leave_out(part)
         self._definite = part
 
-    def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
+    def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | float | None = None,
               warm: bool = False, fresh: bool = True, lead: float = 0.0, reuse_levels: bool = False,
               moved: bool = False, least_reference: float = 0.0, track_iterations: bool = True) -> Solution:
         """Solves the system as linearized; if it turns out indefinite, without the terms of forces that may be.
@@ -203,7 +203,7 @@ class System:
             tolerance: relative residual.
             held: the held directions.
             h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
-            z: (k, 3) dv in them [m/s], instead.
+            z: (k, 3) dv in them [m/s], instead, or the span [s] in which dv leads them to their targets from where they are.
             warm: starts from the last solve's dv.
             lead: span [s] in which positions x + lead dv get to the targets, instead of h.
             reuse_levels: coarse levels made for an earlier system may do.
@@ -219,12 +219,17 @@ class System:
             sewn = None
         self.leads |= sewn is not None
         zero = not warm and sewn is None and (held is None or (z is None and not h > 0 and not lead > 0))
-        if held is not None and z is not None:
-            self.filter.impose(held.index, held.projector, kernel_array(z, self.model.exchange), int(sewn is None))
+        if held is not None:
+            self.filter.bring(held)
+            index, projector, target, y = held.arrays
+        if held is not None and isinstance(z, float):
+            self.filter.impose_rest(index, projector, target, z, int(sewn is None))
+        elif held is not None and z is not None:
+            self.filter.impose(index, projector, kernel_array(z, self.model.exchange), int(sewn is None))
         elif held is not None and h > 0:
-            self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm and sewn is None))
+            self.filter.prescribe(index, projector, target, y, h, int(not warm and sewn is None))
         elif held is not None and lead > 0:
-            self.filter.lead(held.index, held.projector, held.target, lead)
+            self.filter.lead(index, projector, target, lead)
         if fresh:
             self.preconditioner.make(self.dt_coefficient, held, reuse_levels)
         falls = held is None and not warm and sewn is None and not self.pulled
@@ -312,10 +317,15 @@ class System:
             return None
         return (held.target - self._of(self.model.x, held)) / c
 
+    def rest(self, held: Held | None, c: float) -> np.ndarray | float | None:
+        """`to_go` for `solve`, which works it out on a device."""
+        return c if held is not None and len(held.index) and for_device() else self.to_go(held, c)
+
     def settle(self, held: Held | None) -> None:
         """Puts held directions exactly at their targets, and particles sewn together in one place."""
         if held is not None:
-            self.filter.lead(held.index, held.projector, held.target, 0.0)
+            self.filter.bring(held)
+            self.filter.lead(*held.arrays[:3], 0.0)
         if self.model.sewn is not None:
             self.model.sewn.settle(self.resolution)
 

@@ -112,7 +112,7 @@ class SolvedStep(StepProblem):
                 system.linearize_first(h, held)
         with self.clock.part("CG"):
             tolerance = system.options.cg_tol or (OTHERS if k else CG_TOL)
-            z = system.to_go(held, h) if k else None
+            z = system.rest(held, h) if k else None
             warm = k == 0 and system.base is not None and len(self.solutions) > 0
             if warm:
                 system.add_guess(-1.0)
