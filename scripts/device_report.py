@@ -1,8 +1,9 @@
 """What a device makes of this package, in one run of a few minutes: where the time goes first, then steps, then answers.
 
 Parts run one after the other, each in a process of its own, while the budget lasts; the file is written after each. In order:
-kernels by time of a free sheet and of layers; milliseconds a step of free sheets; a step of layers from a state that the CPU
-made, with launches and waits a solve, and how far the CPU's positions are from there; checks of scenes.
+how fast memory is copied; kernels by time of a free sheet and of layers; milliseconds a step of free sheets; a step of
+layers from a state that the CPU made, with launches, transfers and waits a solve, and how far the CPU's positions are from
+there; checks of scenes.
 
     python scripts/device_report.py --arch cuda --json device.json
     python scripts/device_report.py --arch cpu --small --json dry.json      # a rehearsal without a device, two minutes
@@ -25,13 +26,14 @@ from bench_scaling import measure
 from count_launches import row_of, simulation
 
 import taichi_cloth as tc
+from taichi_cloth.backend import runtime
 from taichi_cloth.backend.counting import counted
 from taichi_cloth.backend.language import ti
 
 BEGIN = 0.45  # s of `layers` at which sheets lie on each other
 ROWS = 30  # of a profile
-SIZES = {"free": [101, 401], "layers": [50, 100], "scenes": ["hang", "sphere_drape", "layers", "balloon", "skirt_pleats"]}
-SMALL = {"free": [15], "layers": [8], "scenes": ["hang"]}
+SIZES = {"copied": 1024, "free": [101, 401], "layers": [50, 100], "scenes": ["hang", "sphere_drape", "layers", "balloon", "skirt_pleats"]}
+SMALL = {"copied": 64, "free": [15], "layers": [8], "scenes": ["hang"]}
 PROFILED = {**os.environ, "TI_KERNEL_PROFILER": "1"}
 
 
@@ -77,7 +79,7 @@ def layers(cells: int, args: argparse.Namespace) -> dict:
             out |= {"vertices": sim.vertex_count, "solves": sum(r.solves for r in log), "its": sum(r.iterations for r in log)}
             out |= {f"{part}_ms": 1e3 * float(np.mean([r.seconds.get(part, 0.0) for r in log])) for part in parts}
             asked = row_of(counts, [*log, *log[:1]])  # the step that compiles is as the first
-            out |= {key: asked[key] for key in ("launches", "waits", "MB")}
+            out |= {key: asked[key] for key in ("launches", "with arrays", "fields read", "fields written", "waits", "MB")}
         sim.close()
     return {**out, "off_m": float(np.abs(x[args.arch] - x["cpu"]).max())}
 
@@ -85,6 +87,27 @@ def layers(cells: int, args: argparse.Namespace) -> dict:
 def free(n: int, args: argparse.Namespace) -> dict:
     """Milliseconds a step of a hanging sheet of n x n vertices in mid-swing."""
     return measure(n, args.precision, args.arch, None, 4, 5000.0)
+
+
+def bandwidth(megabytes: int, args: argparse.Namespace) -> dict:
+    """Gigabytes a second that a loop reads and writes where it copies an array of so many megabytes."""
+    runtime.start(args.arch, "f32")
+    one, other = (ti.ndarray(ti.f32, megabytes << 18) for _ in range(2))
+    times = []
+    for _ in range(5):
+        ti.sync()
+        start = time.perf_counter()
+        copy(one, other)
+        ti.sync()
+        times.append(time.perf_counter() - start)
+    return {"gb_s": 2 * megabytes / 1024 / min(times)}
+
+
+@ti.kernel
+def copy(one: ti.types.ndarray(), other: ti.types.ndarray()):
+    """other = one"""
+    for k in range(one.shape[0]):
+        other[k] = one[k]
 
 
 def profile(what: str, size: int, args: argparse.Namespace) -> dict:
@@ -116,13 +139,14 @@ def check(name: str, args: argparse.Namespace) -> dict:
     precision = "f64" if args.arch in ("cpu", "cuda") else "f32"
     command = [sys.executable, "-m", "taichi_cloth", "check", name, "--small", "--arch", args.arch, "--precision", precision]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return {"passed": done.returncode == 0, "last": (done.stdout + done.stderr).strip().splitlines()[-1:]}
+    return {"passed": done.returncode == 0, "last": (done.stdout.strip() or done.stderr.strip()).splitlines()[-1:]}
 
 
 def parts(args: argparse.Namespace) -> list[tuple]:
     """(function, its values), in order."""
     sizes = SMALL if args.small else SIZES
-    out: list[tuple] = [("profile", "free", sizes["free"][0]), ("make_state", sizes["layers"][0]),
+    out: list[tuple] = [("bandwidth", sizes["copied"]), ("profile", "free", sizes["free"][0]),
+                        ("make_state", sizes["layers"][0]),
                         ("profile", "layers", sizes["layers"][0])]
     out += [("free", n) for n in sizes["free"]] + [("layers", sizes["layers"][0])]
     out += [("check", name) for name in sizes["scenes"]]
