@@ -32,7 +32,8 @@ from taichi_cloth.backend.language import ti
 
 BEGIN = 0.45  # s of `layers` at which sheets lie on each other
 ROWS = 30  # of a profile
-SIZES = {"copied": 1024, "free": [101, 401], "layers": [50, 100], "scenes": ["hang", "sphere_drape", "layers", "balloon", "skirt_pleats"]}
+SIZES = {"copied": 1024, "free": [101, 401], "layers": [50, 100],
+         "scenes": ["hang", "sphere_drape", "layers", "balloon", "skirt_pleats"]}
 SMALL = {"copied": 64, "free": [15], "layers": [8], "scenes": ["hang"]}
 PROFILED = {**os.environ, "TI_KERNEL_PROFILER": "1"}
 

@@ -14,6 +14,9 @@ ENVIRONMENT, COMPILERS = "tests/unit/test_environment.py", "tests/unit/test_comp
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
 SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/assembler.py"
+LISTS, ARRAYS = "taichi_cloth/backend/device_lists.py", "taichi_cloth/backend/device_arrays.py"
+ROWS_THERE, PAIRS_THERE = (f"taichi_cloth/contact/cloth/{name}.py" for name in ("candidate_rows", "resident_pairs"))
+POINTS, HELD, LISTED = "taichi_cloth/contact/points.py", "taichi_cloth/system/constraints.py", "tests/unit/test_device_lists.py"
 COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
 
 MUTATIONS = (
@@ -59,13 +62,33 @@ MUTATIONS = (
      LAYOUTS + "a_report_of_many_blocks"),
     ("taichi_cloth/backend/answers.py", "self._take(self.numbers, first)", "self._take(self.numbers, 0)",
      "the first numbers come again and again", LAYOUTS + "a_report_of_many_blocks"),
+    (LISTS, "first[piece] = before", "first[piece] = before - of_group[0]", "lists of a device begin in the wrong place", LISTED),
+    (LISTS, "if row < count[piece] and first", "if first", "rows that no kernel wrote are handed over", LISTED),
+    (LISTS, "self._expect(int(rows.GROWTH * self.total))", "self.total = self._expected", "rows beyond those expected are lost",
+     LISTED),
+    (ARRAYS, "not np.array_equal(values, self._last)", "False", "a device keeps poses as they were first", LISTED),
+    (ARRAYS, "weakref.finalize(host, self._of.pop, id(host), None).atexit = False", "pass",
+     "copies of what is gone are taken for those of other things", LISTED),
+    (ROWS_THERE, "self._append(kept, ", "self._append(0, ", "candidates that are found replace those that stay", LISTED),
+    (ROWS_THERE, "below[k] = ti.cast(part[k] < 1, ti.i8)", "below[k] = ti.cast(part[k] <= 1, ti.i8)",
+     "all pairs block a step", LISTED),
+    (POINTS, "self.A[e][c] = numbers[k, CORNERS + c]", "self.A[e][c] = numbers[e, CORNERS + c]",
+     "blocks of a device have points of others", LAYOUTS + "steps_are_the_same"),
+    (PAIRS_THERE, "end[k], factor[k], radius[k] =", "end[k], radius[k], factor[k] =",
+     "a device takes distances of pairs for their parts", LAYOUTS + "steps_are_the_same"),
+    (HELD, "to_target[k, a], to_y[k, a] = target[k, a], y[k, a]", "to_target[k, a], to_y[k, a] = target[k, a], 0.0",
+     "particles are not brought to solids on a device", LAYOUTS + "steps_are_the_same"),
+    (HELD, "(row(target, k) - self.model.x[i]) / c - self.dv[i]", "(row(target, k) - self.model.x[i]) - self.dv[i]",
+     "what is still to go on a device takes a second", LAYOUTS + "steps_are_the_same"),
     (ROWS, "field[j // width][j % width] = number", "field[j // width][0] = number",
      "a device gets first numbers alone", FILLED),
     (LAUNCHES, "out += arg.dtype, arg.ndim", "out += (arg.ndim,)", "arrays of another type are taken for it", LAUNCHED),
     (LAUNCHES, "if self._compiled is not kernel.compiled_kernels:", "if False:", "kernels of the Taichi before are launched",
      LAUNCHED),
     (LAUNCHES, "        self._known.clear()", "        pass", "kernels go on with fields that have been replaced", LAUNCHED),
-    (LAUNCHES, " or not arg.flags.c_contiguous or", " or", "strides are passed over", LAUNCHED),
+    (LAUNCHES, "if not arg.flags.c_contiguous or", "if", "strides are passed over", LAUNCHED),
+    (LAUNCHES, "out += Ndarray, id(arg.dtype), len(arg.shape)", "out += Ndarray, len(arg.shape)",
+     "a device's arrays of another type are taken for it", LAUNCHED),
     (LAUNCHES, "isinstance(arg, REALS if kind == \"real\" else INTEGERS)", "isinstance(arg, REALS)",
      "reals are cut to integers", LAUNCHED),
     (POOL, "if self._start == _starts[0]:", "if False:", "fields that no other may have stay", MEMORY),

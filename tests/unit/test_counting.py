@@ -94,7 +94,7 @@ def test_launches_are_counted_where_somebody_asks():
 def test_a_solve_on_a_device_waits_every_eight_iterations(monkeypatch):
     """And not for each, nor for arrays; it takes as many iterations as one of a single launch. The residual of its answer
     comes with the last of these waits, where the solve before took as many."""
-    took = {}
+    took, left = {}, []
     for layout in ("cpu", "device"):
         monkeypatch.setenv(runtime.LAYOUT, layout)
         scene = tc.Scene()
@@ -106,10 +106,11 @@ def test_a_solve_on_a_device_waits_every_eight_iterations(monkeypatch):
         solver.solve(1e-6, zero=True)
         with counted() as counts:
             solution = solver.solve(1e-6, zero=True)
-        took[layout] = solution.iterations
+        took[layout], left = solution.iterations, left + [solution.residual]
         assert solution.status == "CONVERGED" and len(solver.residual_history()) == solution.iterations > 9
         sim.close()
     looks = counts.kernels["PCG._went_f64"]
+    assert left[1] == pytest.approx(left[0], rel=1e-6)
     assert took["device"] == took["cpu"] and took["cpu"] % 8  # so that some that are launched have nothing to do
     assert looks == math.ceil(solution.iterations / 8) and counts.kernels["PCG._step"] == 8 * looks
     assert counts.kernels["PCG._check"] == 1 and counts.with_arrays == 0 and counts.waits == looks
