@@ -16,7 +16,8 @@ FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/assembler.py"
 LISTS, ARRAYS = "taichi_cloth/backend/device_lists.py", "taichi_cloth/backend/device_arrays.py"
 ROWS_THERE, PAIRS_THERE = (f"taichi_cloth/contact/cloth/{name}.py" for name in ("candidate_rows", "resident_pairs"))
-POINTS, HELD, LISTED = "taichi_cloth/contact/points.py", "taichi_cloth/system/constraints.py", "tests/unit/test_device_lists.py"
+POINTS, HELD, EXACT = (f"taichi_cloth/{name}.py" for name in ("contact/points", "system/constraints", "solver/device_coarse"))
+LISTED = "tests/unit/test_device_lists.py"
 COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
 
 MUTATIONS = (
@@ -62,10 +63,10 @@ MUTATIONS = (
      LAYOUTS + "a_report_of_many_blocks"),
     ("taichi_cloth/backend/answers.py", "self._take(self.numbers, first)", "self._take(self.numbers, 0)",
      "the first numbers come again and again", LAYOUTS + "a_report_of_many_blocks"),
-    (LISTS, "first[piece] = before", "first[piece] = before - of_group[0]", "lists of a device begin in the wrong place", LISTED),
-    (LISTS, "if row < count[piece] and first", "if first", "rows that no kernel wrote are handed over", LISTED),
-    (LISTS, "self._expect(int(rows.GROWTH * self.total))", "self.total = self._expected", "rows beyond those expected are lost",
+    (LISTS, "first[piece] = before", "first[piece] = before - of_group[0]", "lists of a device begin at another place",
      LISTED),
+    (LISTS, "self._expect(int(rows.GROWTH * self.total))", "self.total = self._expected",
+     "rows beyond those expected are lost", LISTED),
     (ARRAYS, "not np.array_equal(values, self._last)", "False", "a device keeps poses as they were first", LISTED),
     (ARRAYS, "weakref.finalize(host, self._of.pop, id(host), None).atexit = False", "pass",
      "copies of what is gone are taken for those of other things", LISTED),
@@ -76,6 +77,9 @@ MUTATIONS = (
      "blocks of a device have points of others", LAYOUTS + "steps_are_the_same"),
     (PAIRS_THERE, "end[k], factor[k], radius[k] =", "end[k], radius[k], factor[k] =",
      "a device takes distances of pairs for their parts", LAYOUTS + "steps_are_the_same"),
+    (EXACT, "w = node[f], share[e] * weight[f]", "w = node[f], weight[f]", "a hat counts once on a device", LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"),
+    (EXACT, "if self._finish(self.C, self.positive) < self.count:", "if self._finish(self.C, self.positive) < 0:",
+     "what is not positive definite is inverted all the same on a device", LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"),
     (HELD, "to_target[k, a], to_y[k, a] = target[k, a], y[k, a]", "to_target[k, a], to_y[k, a] = target[k, a], 0.0",
      "particles are not brought to solids on a device", LAYOUTS + "steps_are_the_same"),
     (HELD, "(row(target, k) - self.model.x[i]) / c - self.dv[i]", "(row(target, k) - self.model.x[i]) - self.dv[i]",

@@ -111,11 +111,20 @@ class Coarse(Checkpointed):
             M = self._masses()
             self.matrix, self.span = M + (c / self.span) ** 2 * (self.matrix - M), c
             self.drift.begin()
+        self._hold(contact, aged or changed)
+
+    def _hold(self, contact, anew: bool) -> None:
+        """Finds H, and inverts A_c if `anew` or if H is another than it was."""
         pressed = self._find_pressed(contact)
-        if aged or changed or not np.array_equal(pressed, self.pressed):
-            self.pressed, k = pressed, self.count
-            blocks = self._inverted().reshape(k, 3, k, 3).transpose(0, 2, 1, 3).reshape(k * k, 9)
-            write(self.inverse, blocks.astype(self.operator.model.exchange))
+        if anew or not np.array_equal(pressed, self.pressed):
+            self.pressed = pressed
+            self._invert()
+
+    def _invert(self) -> None:
+        """A_c^-1, on the host."""
+        k = self.count
+        blocks = self._inverted().reshape(k, 3, k, 3).transpose(0, 2, 1, 3).reshape(k * k, 9)
+        write(self.inverse, blocks.astype(self.operator.model.exchange))
 
     def count_iterations(self, iterations: int) -> None:
         """Iterations of a solve: how well it still does."""
@@ -145,7 +154,7 @@ class Coarse(Checkpointed):
         left to the other levels.
         """
         A, index = self.matrix, np.flatnonzero(self.pressed[:, [0, 3, 5]].any(axis=1))
-        least, loads = self._least * np.trace(A) / len(A), self.hats.summed(index, self.pressed[index]).reshape(A.shape)
+        least, loads = self.least, self.hats.summed(index, self.pressed[index]).reshape(A.shape)
         try:
             return inverted(A + least * np.eye(len(A)) + loads)
         except np.linalg.LinAlgError:
@@ -161,6 +170,16 @@ class Coarse(Checkpointed):
         self._told = True
         return out
 
+    @property
+    def least(self) -> float:
+        """What is added to the diagonal."""
+        return self._least * float(np.trace(self.matrix)) / len(self.matrix)
+
+    @property
+    def stiffness(self) -> float:
+        """s"""
+        return float(np.trace(self.matrix)) / len(self.matrix)
+
     def _masses(self) -> np.ndarray:
         """(3 count, 3 count) Q^T M Q"""
         if self._weighed is None or self._weighed[1] is not self.hats.sewn.label:
@@ -172,7 +191,7 @@ class Coarse(Checkpointed):
 
     def _find_pressed(self, contact) -> np.ndarray:
         """(n, 6) H"""
-        self._find_held(float(np.trace(self.matrix)) / len(self.matrix), self._held)
+        self._find_held(self.stiffness, self._held)
         return self._held.copy() if contact is None else self._held + read(contact)
 
     @ti.kernel

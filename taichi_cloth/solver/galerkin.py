@@ -34,6 +34,13 @@ class Hats:
         mine = values[particle]
         return np.stack([np.bincount(node, weight * mine[:, c], self.count) for c in range(3)], axis=1)
 
+    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Q by particles, with the seams' means: (where each particle's entries begin (n + 1,), their nodes, their weights);
+        the same arrays until seams open."""
+        if self._label is not self.sewn.label:
+            self._find_means()
+        return self._first, self._node, self._weight
+
     def summed(self, index: np.ndarray, blocks: np.ndarray) -> np.ndarray:
         """(count, 3, count, 3) sum over particles index (p,) of Q_i^T B_i Q_i for symmetric B, blocks (p, 6)."""
         if self._label is not self.sewn.label:

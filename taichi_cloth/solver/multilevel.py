@@ -19,6 +19,7 @@ import numpy as np
 from ..backend.dealing import Dealer
 from ..backend.fields import Fields
 from ..backend.language import ti
+from ..backend.runtime import for_device
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..scene.mesh import distinct, face_edges
 from ..scene.scene import Scene
@@ -26,6 +27,7 @@ from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
 from .coarse import Coarse, most_nodes
+from .device_coarse import DeviceCoarse
 from .hierarchy import Hierarchy, LevelFields
 from .lattice import coordinates, levels
 from .pointwise import Pointwise
@@ -121,7 +123,8 @@ class Multilevel(Checkpointed):
         self.coarsest: Coarse | None = None
         if self.exact:
             faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
-            self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces, tell)
+            coarse = DeviceCoarse if for_device() else Coarse
+            self.coarsest = coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces, tell)
 
     def make(self, c: float, held: Held | None, reuse_levels: bool = False) -> None:
         """Prepares for the system A = M - c D - c^2 K as it is linearized.

@@ -55,7 +55,7 @@ def test_rows_are_handed_over_by_kernels_as_they_lie_in_memory(rng, monkeypatch)
     table, some, out = Table(9, 1, 1, False), np.array([7, 0, 7]), {}
     pairs = rng.normal(size=(6, 2))
     for layout in ("cpu", "device"):
-        monkeypatch.setenv(runtime.LAYOUT, layout)
+        monkeypatch.setattr(runtime, "direct", layout == "cpu")
         write(table.pairs, pairs if layout == "cpu" else -pairs)
         with counted() as counts:
             out[layout] = [read(f, which) for f in (table.reals, table.pairs, table.whole) for which in (None, some)]

@@ -9,6 +9,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.counting import counted
+from taichi_cloth.backend.rows import read
 from taichi_cloth.errors import BackendError
 from taichi_cloth.system.assembler import HostReport, Report
 
@@ -114,6 +115,36 @@ def test_a_report_of_many_blocks(rng):
         assert np.abs(host.columns()[0] - sums).max() < 1e-10 and (device.columns()[0] == sums).all()
         assert (device.columns()[1] == numbers.max(axis=0)).all() and (host.columns()[1] == numbers.max(axis=0)).all()
         assert (peaks[[3, 31]] == numbers.max(axis=0)[[3, 31]]).all() and np.count_nonzero(peaks) == 2
+
+
+@pytest.mark.slow
+def test_the_level_that_is_solved_exactly_is_inverted_on_a_device(monkeypatch):
+    """As the host inverts it, with particles held in some directions, in all or in none; not again where all is as before."""
+    monkeypatch.setenv(runtime.LAYOUT, "device")
+    scene = blown()
+    scene.pin(scene.cloths[0], [0, 3], "x")
+    scene.pin(scene.cloths[0], 24)
+    sim = tc.Simulation(scene, h=1 / 100, integrator="backward_euler", preconditioner="multilevel")
+    sim.step()
+    coarse = sim.integrator.system.preconditioner.coarsest
+    k = coarse.count
+
+    def blocks() -> np.ndarray:
+        return read(coarse.inverse).reshape(k, k, 3, 3).transpose(0, 2, 1, 3).reshape(3 * k, 3 * k)
+
+    wanted = coarse._inverted()
+    assert coarse.pressed.any() and np.abs(blocks() - wanted).max() < 1e-9 * np.abs(wanted).max()
+    with counted() as counts:
+        coarse.make(coarse.span, None)
+        assert (counts.waits, counts.kernels["DeviceCoarse._eliminate"]) == (1, 0)
+        coarse._hold(None, True)
+    assert (counts.waits, counts.kernels["DeviceCoarse._eliminate"]) == (3, -(-k // 4))
+    bad = coarse.matrix.copy()
+    bad[7, 7] = -10 * np.abs(bad).max()
+    coarse.matrix = bad  # then the host leaves a direction out
+    coarse._hold(None, True)
+    assert np.abs(blocks()).max() > 0 and np.abs(blocks() - coarse._inverted()).max() < 1e-9 * np.abs(blocks()).max()
+    sim.close()
 
 
 def test_no_other_layout(monkeypatch):
