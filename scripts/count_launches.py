@@ -5,9 +5,12 @@ at an array that is handed over, at a field that is read or written.
 
     python scripts/count_launches.py
     python scripts/count_launches.py --scenes "layers cells=50" --kernels 30 --json launches.json
+    python scripts/count_launches.py --states out/states                                # and from the same states:
+    TAICHI_CLOTH_LAYOUT=device python scripts/count_launches.py --states out/states
 """
 
 import argparse
+import pathlib
 from collections import Counter
 
 import numpy as np
@@ -29,11 +32,27 @@ def simulation(text: str, **options: object) -> tc.Simulation:
     return tc.Simulation(module.make(dict(setting.split("=") for setting in settings)), **{**plan, **options})
 
 
-def measured(text: str, begin: float, steps: int) -> tuple[dict, Counter]:
-    """(a row, launches by kernel) over some steps from a time [s] on; the first of these is not counted."""
+def measured(text: str, begin: float, steps: int, states: pathlib.Path | None) -> tuple[dict, Counter]:
+    """(a row, launches by kernel) over some steps from a time [s] on.
+
+    Args:
+        states: folder with the state then, by the first who needs it; two steps from there are not counted. None: from 0 s.
+    """
     sim = simulation(text)
-    while sim.time < begin:
-        sim.step()
+    kept = None if states is None else states / f"{text.replace(' ', '_')}.npz"
+    if kept is None or not kept.exists():
+        while sim.time < begin:
+            sim.step()
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            np.savez(kept, x=sim.positions(), v=sim.velocities())
+    if kept is not None:
+        sim.close()
+        sim = simulation(text)
+        with np.load(kept) as state:
+            sim.set_state(state["x"], state["v"])
+        for _ in range(2):
+            sim.step()
     with counted() as counts:
         log = [sim.step() for _ in range(steps)]
     row = row_of(counts, log)
@@ -59,12 +78,14 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=list(CASES), help="each a name and settings in one text")
     parser.add_argument("--begin", type=float, help="s to count from")
     parser.add_argument("--steps", type=int, default=8, help="that are counted")
+    parser.add_argument("--states", type=pathlib.Path, help="folder of states to count from, for layouts to be compared")
     parser.add_argument("--kernels", type=int, default=0, help="print so many kernels by launches a solve")
     parser.add_argument("--json", help="file to write")
     args = parser.parse_args()
     rows = []
     for text in args.scenes:
-        row, kernels = measured(text, CASES.get(text, 0.4) if args.begin is None else args.begin, args.steps)
+        begin = CASES.get(text, 0.4) if args.begin is None else args.begin
+        row, kernels = measured(text, begin, args.steps, args.states)
         rows.append(row)
         print(", ".join(f"{key} {value:.4g}" for key, value in row.items() if key != "scene"), text, sep=": ", flush=True)
         for name, count in kernels.most_common(args.kernels):

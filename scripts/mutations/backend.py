@@ -19,6 +19,7 @@ ROWS_THERE, PAIRS_THERE = (f"taichi_cloth/contact/cloth/{name}.py" for name in (
 POINTS, HELD, EXACT = (f"taichi_cloth/{name}.py" for name in ("contact/points", "system/constraints", "solver/device_coarse"))
 LISTED = "tests/unit/test_device_lists.py"
 COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
+INVERTED = LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"
 
 MUTATIONS = (
     ("taichi_cloth/backend/quota.py", "for folder in (inside, *inside.parents):", "for folder in (inside,):",
@@ -77,11 +78,12 @@ MUTATIONS = (
      "blocks of a device have points of others", LAYOUTS + "steps_are_the_same"),
     (PAIRS_THERE, "end[k], factor[k], radius[k] =", "end[k], radius[k], factor[k] =",
      "a device takes distances of pairs for their parts", LAYOUTS + "steps_are_the_same"),
-    (EXACT, "w = node[f], share[e] * weight[f]", "w = node[f], weight[f]", "a hat counts once on a device", LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"),
+    (EXACT, "w = node[f], share[e] * weight[f]", "w = node[f], weight[f]", "a hat counts once on a device",
+     INVERTED),
     (EXACT, "if self._finish(self.C, self.positive) < self.count:", "if self._finish(self.C, self.positive) < 0:",
-     "what is not positive definite is inverted all the same on a device", LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"),
+     "what is not positive definite is inverted all the same on a device", INVERTED),
     (HELD, "to_target[k, a], to_y[k, a] = target[k, a], y[k, a]", "to_target[k, a], to_y[k, a] = target[k, a], 0.0",
-     "particles are not brought to solids on a device", LAYOUTS + "steps_are_the_same"),
+     "particles are not brought to solids on a device", LISTED),
     (HELD, "(row(target, k) - self.model.x[i]) / c - self.dv[i]", "(row(target, k) - self.model.x[i]) - self.dv[i]",
      "what is still to go on a device takes a second", LAYOUTS + "steps_are_the_same"),
     (ROWS, "field[j // width][j % width] = number", "field[j // width][0] = number",

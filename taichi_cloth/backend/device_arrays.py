@@ -49,12 +49,12 @@ class Mirror:
     """An array of numbers of the host as kernels take it: on a device a copy, written anew where it has changed."""
 
     def __init__(self) -> None:
+        self._device, self._copy = for_device(), None
         self._last: np.ndarray | None = None
-        self._copy: Any = None
 
     def of(self, values: np.ndarray) -> Any:
         """The array (k,) or (k, m), or its copy."""
-        if not for_device() or not values.size:
+        if not self._device or not values.size:
             return values
         if self._last is None or not np.array_equal(values, self._last):
             if self._last is None or self._last.shape != values.shape:

@@ -155,7 +155,7 @@ class ContactForce(Force):
         self.capacity = ROOM * model.n + SPARE
         self.most = MOST * model.n + SPARE
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
-        self.exchange = model.exchange
+        self.exchange, self.device = model.exchange, for_device()
 
     def rounding_energy(self, d: float) -> float:
         """None: points have no energy of their own."""
@@ -203,7 +203,7 @@ class ContactForce(Force):
             self._grow(len(e))
         before = self.vertices.rows
         self._use(len(e))
-        if for_device():
+        if self.device:
             if len(e) or before:
                 self._hand_over(p, e, first)
             return True

@@ -72,11 +72,11 @@ class Filter:
     """Imposes held directions on the unknown: dv = z, and on the state that follows from it."""
 
     def __init__(self, fields: Fields, model: ParticleState, dv) -> None:
-        self.model, self.dv = model, dv
+        self.model, self.dv, self.device = model, dv, for_device()
 
     def bring(self, held: Held) -> None:
         """A device gets copies of what is held, once."""
-        if for_device() and len(held.index) and not held.copies:
+        if self.device and len(held.index) and not held.copies:
             kinds = np.int32, *(self.model.exchange,) * 3
             held.copies.extend(array(kind, *rows.shape) for kind, rows in zip(kinds, held.arrays))
             self._bring(held.index, held.projector, held.target, held.y, *held.copies)

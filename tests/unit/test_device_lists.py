@@ -1,6 +1,8 @@
 """Lists and rows that stay in a device's memory hold what those of the host do, and let it wait as seldom as they say."""
 
 import gc
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from taichi_cloth.backend.device_lists import DeviceLists, PrefixSums, lists
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.rows import Lists, read, write
 from taichi_cloth.contact.cloth.candidate_rows import DeviceRows, HostRows
+from taichi_cloth.system.constraints import Filter
+from taichi_cloth.system.held import Held
 
 KINDS = [(3, np.int32), (4, np.float64), (1, np.int32), (2, np.float64)]
 
@@ -145,6 +149,24 @@ def test_the_host_has_no_copies(monkeypatch):
     monkeypatch.setenv(runtime.LAYOUT, "cpu")
     numbers = np.zeros(3)
     assert Mirror().of(numbers) is numbers and type(lists(1, 1, KINDS)) is Lists
+
+
+def test_what_is_held_crosses_over_once(rng, monkeypatch):
+    """All of it; what follows from it has copies of its own."""
+    held = Held.of([5, 7], rng.normal(size=(2, 3, 3)), rng.normal(size=(2, 3)), True, rng.normal(size=(2, 3)), np.float64)
+    hold = Filter(None, SimpleNamespace(exchange=np.float64), None)
+    host = held.arrays
+    with counted() as counts:
+        for _ in range(2):
+            hold.bring(held)
+    assert counts.waits == 2 and host[0] is held.index
+    for copy, rows in zip(held.arrays, host):
+        assert copy is not rows and (copy.to_numpy() == rows).all()
+    assert replace(held, moving=False).arrays[1] is held.projector
+    monkeypatch.setenv(runtime.LAYOUT, "cpu")
+    other = replace(held, moving=False)
+    Filter(None, SimpleNamespace(exchange=np.float64), None).bring(other)
+    assert other.arrays[0] is held.index
 
 
 def test_copies_live_as_long_as_their_originals():

@@ -8,7 +8,7 @@ import numpy as np
 from ...backend.fields import Fields
 from ...backend.language import ti
 from ...backend.rows import read
-from ...backend.runtime import Runtime, for_device
+from ...backend.runtime import Runtime
 from ...options import Options
 from ...scene.scene import Scene
 from ...solver.pcg import BREAKDOWN, NOT_FINITE, PCG, Solution
@@ -319,7 +319,7 @@ class System:
 
     def rest(self, held: Held | None, c: float) -> np.ndarray | float | None:
         """`to_go` for `solve`, which works it out on a device."""
-        return c if held is not None and len(held.index) and for_device() else self.to_go(held, c)
+        return c if held is not None and len(held.index) and self.filter.device else self.to_go(held, c)
 
     def settle(self, held: Held | None) -> None:
         """Puts held directions exactly at their targets, and particles sewn together in one place."""
