@@ -1,7 +1,7 @@
 """Numbers that kernels give back to the host of a device.
 
-An array that a kernel writes is allocated there, copied to it, copied back and freed, and the host waits twice. What a kernel
-returns comes in one wait.
+An array that a kernel writes is allocated there, copied to it, copied back and freed, and the host waits twice. Numbers
+that a kernel returns come in one wait.
 """
 
 import numpy as np

@@ -29,7 +29,7 @@ def array(kind: type, *shape: int):
 
 
 class Copies:
-    """What a device has of things of the host, for as long as these live."""
+    """Copies on a device of things of the host, for as long as these live."""
 
     def __init__(self) -> None:
         self._of: dict[int, Any] = {}

@@ -172,7 +172,7 @@ class Coarse(Checkpointed):
 
     @property
     def least(self) -> float:
-        """What is added to the diagonal."""
+        """Added to the diagonal."""
         return self._least * float(np.trace(self.matrix)) / len(self.matrix)
 
     @property

@@ -54,7 +54,7 @@ class DeviceCoarse(Coarse):
                 self._invert()
 
     def _bring(self) -> None:
-        """The device gets what has changed of the matrix and of Q."""
+        """The device gets the matrix and Q where they have changed."""
         rows = self.hats.rows()
         if self._there[0] is not self.matrix:
             self._take(self.matrix.astype(self.operator.model.exchange), self.A)

@@ -164,7 +164,7 @@ class PCG(Recurrences):
 
     @ti.kernel
     def _start(self, zero: int, tolerance: float, reference: float, least_reference: float, most: int):
-        """A solve from dv, or from zero: what it begins with, and the kind of phase that follows."""
+        """A solve from dv, or from zero: its first residual, and the kind of phase that follows."""
         self.count[STAGE], self.count[STATE], self.count[DID], self.count[ROUND] = BEGIN, DONE, 0, 0
         for i in range(self.operator.model.rows()):
             if zero == 1:
@@ -234,7 +234,7 @@ class PCG(Recurrences):
 
     @ti.kernel
     def _went_f64(self) -> ti.types.vector(7, ti.f64):
-        """What the host waits for: the next phase, and what `_together` gives."""
+        """The numbers that the host waits for, see `ended`."""
         return ti.cast(self.ended(), ti.f64)
 
     @ti.kernel

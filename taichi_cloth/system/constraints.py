@@ -75,7 +75,7 @@ class Filter:
         self.model, self.dv, self.device = model, dv, for_device()
 
     def bring(self, held: Held) -> None:
-        """A device gets copies of what is held, once."""
+        """A device gets copies of held particles, once."""
         if self.device and len(held.index) and not held.copies:
             kinds = np.int32, *(self.model.exchange,) * 3
             held.copies.extend(array(kind, *rows.shape) for kind, rows in zip(kinds, held.arrays))

@@ -1,7 +1,7 @@
 """Kernels of pairs as layers call them: with arrays of numpy, or on a device with copies that stay in its memory.
 
 There a pair's ids, weights and normals are where they were found, and numbers that one kernel writes and another reads stay
-besides going to the host. What the host alone knows crosses over.
+besides going to the host. Those that the host alone knows cross over.
 """
 
 import numpy as np
