@@ -14,7 +14,8 @@ PARTS = compiler.private("lang.impl", "lang._ndarray", "lang.enums:Layout", "_li
 
 
 def array(kind: type, *shape: int):
-    """An array of zeros in the device's memory. Taichi's own way takes 100 to 200 us, for a note of where it was made."""
+    """An array of zeros in the device's memory, of at least one. Taichi's own way takes 100 to 200 us, for a note of where it
+    was made."""
     dtype = {np.int8: ti.i8, np.int32: ti.i32, np.float32: ti.f32, np.float64: ti.f64}[np.dtype(kind).type]
     if PARTS.count(None) or NAME != compiler.DEFAULT:
         return ti.ndarray(dtype, shape)

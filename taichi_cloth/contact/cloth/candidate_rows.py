@@ -79,6 +79,7 @@ class DeviceRows:
     def __init__(self, *arrays) -> None:
         self.arrays: tuple = arrays
         self._sums = PrefixSums(PIECES)
+        self._parts: list[np.ndarray] = []  # of those that are being put
 
     def __len__(self) -> int:
         return self.arrays[0].shape[0] if self.arrays else 0
@@ -126,10 +127,12 @@ class DeviceRows:
         return tuple(rows.to_numpy() for rows in self.arrays) or none
 
     def put(self, k: int, values: np.ndarray) -> None:
-        """See `HostRows`."""
-        parts = list(self.read())
-        parts[k] = values
-        self.arrays = tuple(_moved(part) for part in parts) if len(parts[0]) else ()
+        """See `HostRows`; they go there when all are of a length."""
+        self._parts = self._parts or list(self.read())
+        self._parts[k] = values
+        if len({len(part) for part in self._parts}) == 1:
+            self.arrays = tuple(_moved(part) for part in self._parts) if len(values) else ()
+            self._parts = []
 
     def _count(self, flags) -> int:
         """How many flags are set; sums before each piece of the rows."""
