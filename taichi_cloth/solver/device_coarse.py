@@ -89,9 +89,9 @@ class DeviceCoarse(Coarse):
             differs = 0
             for c in ti.static(range(6)):
                 differs += ti.cast(H[c] != self.known[i][c], ti.i32)
+            self.H[i], self.known[i] = H, H
             if differs > 0:
                 ti.atomic_add(self.other[0], 1)
-            self.H[i], self.known[i] = H, H
         return self.other[0]
 
     @ti.kernel

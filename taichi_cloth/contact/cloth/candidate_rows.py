@@ -178,8 +178,8 @@ class DeviceRows:
     def _least(self, part: ti.types.ndarray(), below: ti.types.ndarray(), told: ti.types.ndarray()) -> float:
         told[0] = 1.0
         for k in range(part.shape[0]):
-            ti.atomic_min(told[0], part[k])  # the same in any order
             below[k] = ti.cast(part[k] < 1, ti.i8)
+            ti.atomic_min(told[0], part[k])  # the same in any order
         return told[0]
 
     @ti.kernel
