@@ -15,6 +15,7 @@ from ...backend.bvh import LEAF
 from ...backend.fields import Fields
 from ...backend.language import ti
 from ...backend.rows import read
+from ...backend.runtime import for_device
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.state import ParticleState
@@ -219,7 +220,8 @@ class PairDetector:
         self.model, self.tree = model, tree
         self.near = PairCandidates(fields, model, scene, tree)
         self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
-        self.rows: np.ndarray = np.zeros((1024, COLUMNS), dtype=fields.exchange)
+        room = 64 if for_device() else 1024  # all of it crosses over both ways
+        self.rows: np.ndarray = np.zeros((room, COLUMNS), dtype=fields.exchange)
         self._found: np.ndarray = np.zeros(1, dtype=np.int32)
 
     def find(self, poses: np.ndarray) -> Pairs:
