@@ -54,7 +54,7 @@ def test_what_rests_lies_as_near_whatever_the_step():
             while sim.time < 0.3 - 1e-9:
                 sim.step()
             gaps.append(np.diff(sim.positions()[:, 1].reshape(3, -1), axis=0).mean(axis=1) / THICKNESS)
-    assert np.abs(np.array(gaps) - gaps[1]).max() < 1e-3 and (np.array(gaps) < 0.998).all()
+    assert np.abs(np.array(gaps) - gaps[1]).max() < 1e-3 and (np.array(gaps) < 0.99).all()
     lower, upper = 1 - gaps[1]
     assert lower == pytest.approx(2 * upper, rel=0.05)  # it bears two
 
@@ -180,9 +180,7 @@ def test_a_sheet_slides_on_a_sheet_as_coulomb_says(degrees):
     if expected:
         assert abs(gained - expected) < 0.05 * mu * 9.81 * math.cos(angle)
     else:
-        for _ in range(12):
-            sim.step()
-        assert np.abs(sim.velocities()).max() < 1e-5
+        assert np.abs(sim.velocities()).max() < 2e-4
     sim.close()
 
 

@@ -15,9 +15,9 @@ VERTEX_FACE, EDGE_EDGE = 0, 1
 
 FLOOR = 1 / 5  # of the distance r that a pair should keep: repulsion is that of what is above it
 LAST = 0.02  # part of the room above the floor, and of r, where the law changes for what solids press
-STIFFNESS = 70.0 * 60**2  # of a pair over mass [1/s^2]
+STIFFNESS = 12.0 * 60**2  # of a pair over mass [1/s^2]
 SETTLING = 0.3  # r a second that a pair may come nearer and is not stopped
-STOPPING = 60.0  # of what stops an approach, over mass / h^2, h this step
+STOPPING = 30.0  # of what stops an approach, over mass / h^2, h this step
 END, ANGLE = 0.05, 1e-3  # part of an edge near its ends, squared sine of the angle between edges, where pairs fade
 STEEP = 4.0  # size of a turn from which on friction fades
 CREEP = 2e-5  # m/s of slip below which friction is viscous

@@ -344,7 +344,7 @@ def test_energy_with_that_of_repulsion_never_grows():
         sim.step()
         pressed.append(sim.energy().get("contact", 0.0))
         totals.append(sum(sim.energy().values()))
-    assert max(pressed) > 3e-5 * totals[0] and sim.log[-1].layers == 0  # they met, and parted
+    assert max(pressed) > 1e-4 * totals[0] and sim.log[-1].layers == 0  # they met, and parted
     assert np.diff(totals).max() < 1e-3 * totals[0]
     sim.close()
 
@@ -619,7 +619,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
 
     sim = start()
     x, v, n = sim.positions(), sim.velocities(), sim.vertex_count // 2
-    x[n] -= [0, 0.06, 0]  # a corner of the upper one is through the lower
+    x[n] -= [0, 0.08, 0]  # a corner of the upper one is through the lower
     sim.set_state(x, v)
     sim.step()
     layers, states = sim.contacts.layers, []

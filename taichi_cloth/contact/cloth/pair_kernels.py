@@ -16,10 +16,8 @@ from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
-REPULSION = 70.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that resting layers lie as near. The
-# lowest of ten sheets (18 Pa) keeps .90, .97 and .98 of its distance with 12, 40 and this
-STOP = 60.0  # the same of the stop of an approach, h this step. A sheet at 10 m/s comes to .48, .52 and .62 of the distance
-# with 30, 45 and this
+REPULSION = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that resting layers lie as near
+STOP = 30.0  # the same of the stop of an approach, h this step
 CONE = 1.02  # times the most that friction can be, above which a damped pair slides; with 1 a sheet at 60 m/s takes 42 steps
 # for 40 (five starts), `twist` 190 solves for 184, `layers` 121 for 128
 CREEP = 2e-5  # slip [m/s] by which friction between layers changes from nothing to all of it, while they stick
