@@ -42,7 +42,7 @@ def test_a_sheet_at_60_m_s_does_not_pass_through_one_that_is_held_at_a_point(thr
     log, _, v, (_, flies) = thrown
     assert [r.intersections for r in log] == [r.known_intersections for r in log] == [0] * len(log)
     assert max(r.pinched for r in log) == 0 and max(r.layers for r in log) > 20
-    assert len(log) < 60  # from ten starts 1 nm apart 19 to 49
+    assert len(log) < 90  # from four starts 1 nm apart 39 to 59
     assert v[flies.start:, 1].mean() > -30 and np.abs(v).max() < 25  # it was met, and nothing was given speed
 
 
