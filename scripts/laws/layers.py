@@ -75,7 +75,7 @@ def middle_drawn(h: float, cells: int, start: int, threads: int) -> tuple[Result
     n = (x.shape[1] - mesh.vertex_count) // 2
     lower, gains = x[:, :n, 0].mean(axis=1), gained(t, x[:, 2 * n:, 0].mean(axis=1), 0.13, 0.25)
     return (Result("upper gains", gains, MU * G, 0.02 * MU * G, "m/s^2", wrong=2 * MU * G),
-            Result("lower slips", float(abs(speed(t, lower, 0.13, 0.25))), 0.0, CREEP, "m/s", wrong=0.01))
+            Result("creeps", float(abs(speed(t, lower, 0.13, 0.25))), 0.0, CREEP, "m/s", wrong=0.01))
 
 
 @case(3, 6)

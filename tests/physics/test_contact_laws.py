@@ -36,7 +36,7 @@ HOLDS = {
     "rope_runs": ("gains",),
     "landing_ball": ("gravity's work", "unaccounted"),
     "landing_table": ("gravity's work", "unaccounted"),
-    "middle_drawn": ("upper gains", "lower slips"),
+    "middle_drawn": ("upper gains", "creeps"),
     "capstan_180_05": ("ratio", "spread"),
     "capstan_180_08": ("ratio",),
     "capstan_90_03": ("ratio", "spread"),
