@@ -220,6 +220,11 @@ class ContactForce(Force):
             write(self.rotation_coupling, t.take(e, axis=0).astype(self.exchange, copy=False))
         return True
 
+    def clear(self) -> None:
+        """Takes all points out of the system."""
+        if self.vertices.rows:
+            self.set(ContactRows.none())
+
     def _hand_over(self, p: ContactRows, entries: np.ndarray, first: np.ndarray) -> None:
         """The same for a device: each point crosses over once, by one launch, though several blocks have it."""
         if not len(entries):

@@ -256,3 +256,22 @@ def test_solids_hold_nothing_where_pins_do():
     assert pushed[:, 1].sum() < 0.1 * whole[1] and all(r.solves == 1 for r in sim.log[20:])
     assert sum(r.ledger["pins"] for r in sim.log[20:]) != 0 and sum(abs(r.ledger["solids"]) for r in sim.log[20:]) < 1e-3
     sim.close()
+
+
+@pytest.mark.parametrize("start", [0, 2])
+def test_steps_without_contact_know_nothing_of_attempts_in_contact(start):
+    """A strip over a bar, moved by a nanometre: the first step in contact is tried smaller, and begun again by TR-BDF2.
+
+    With the points of contact of the refused attempt in its system, TR-BDF2 finds no way down at any step.
+    """
+    mesh, scene, radius = tc.strip(0.5, 0.09, (50, 2)), tc.Scene(), 0.034
+    over = (mesh.uv[:, 0] - (0.2 - math.pi * radius)) / radius  # angle on the bar
+    turned, hangs = np.clip(over, 0, math.pi), radius * (over - np.clip(over, 0, math.pi))
+    x = np.column_stack([-radius * np.cos(turned), radius * np.sin(turned), mesh.uv[:, 1]])
+    x[:, 1] += np.where(over < 0, hangs, -hangs)
+    x += 1e-9 * np.random.default_rng(7000 + start).standard_normal(x.shape)
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(200, 0.2), tc.Bend(1e-6)), positions=x)
+    scene.add_solid(tc.Cylinder(0.03, 0.5), 0.2, 0.004, rotation=(math.pi / 2, 0, 0))
+    with tc.Simulation(scene, h=1 / 60, integrator="tr_bdf2", threads=1) as sim:
+        sim.step()
+        assert sum(sim.log[0].rejections.values()) > 0 and len(sim.log) == 2, "no attempt in contact was refused"

@@ -55,6 +55,8 @@ class Safe(Checkpointed):
         sewn = self.model.sewn
         if not (self.touching or self.system.stitches_failed or (sewn is not None and (sewn.open or sewn.pulled))):
             self.last, self.fresh = self.accurate, False
+            if self.contacts is not None:
+                self.contacts.force.clear()  # of an attempt in contact before it
             made = self.accurate.attempt(h, held_at, start)
             reason = made.rejection or ""
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
