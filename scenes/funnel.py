@@ -22,7 +22,7 @@ def ring(around: int = 40, across: int = 16) -> tc.SolidMesh:
     return tc.SolidMesh(x, np.concatenate([np.stack([p, q, r_], axis=1), np.stack([p, r_, s], axis=1)]))
 
 
-def build(cells: int = 50, depth: float = 0.28, friction: float = 0.15) -> tc.Scene:
+def build(cells: int = 50, depth: float = 0.28, friction: float = 0.1) -> tc.Scene:
     """A sheet of 0.5 m x 0.5 m over a ring.
 
     Args:
