@@ -50,7 +50,8 @@ class Air:
         elif checks.takes(self.wind, 1) is False and checks.takes(self.wind, 2) is False:
             raise SceneError(f"air wind = {checks.shown(self.wind)}: must be a function of time, or of positions and time")
         if self.normal == self.tangential == self.drag == 0:
-            raise SceneError("air that neither drags nor lifts does nothing: leave it out")
+            raise SceneError("air that neither drags nor lifts does nothing: give it both, as Air(drag=1.2, lift=0.8, "
+                             "wind=...), or leave it out")
         if self.lift > self.drag:
             raise SceneError(f"air lift = {self.lift:g}: must be at most drag = {self.drag:g}, as a plate's is")
         self.wind_at(0.0, np.zeros((1, 3)))
