@@ -111,7 +111,8 @@ def crossed(sim: tc.Simulation) -> int:
 def test_an_arm_that_closes_on_a_trunk(body, sheets):
     """Steps stay what was asked; with two layers none is below an eighth of it, and a quarter more are made at most: where
     layers part, a rounding decides how many solves they need to agree (eleven starts: 72 to 81 for 72, one with an eighth).
-    What is held goes by .05 m/s faster than the body at most, and .2 s after nothing is left on the wrong side, of bodies or of cloth."""
+    What is held goes by .05 m/s faster than the body at most, and .2 s after nothing is left on the wrong side,
+    of bodies or of cloth."""
     sim = tc.Simulation(figure(body, sheets, itself=sheets > 1), h=H)
     before, fastest, deepest = sim.positions(), -math.inf, 0
     while sim.time < LEFT - 1e-9:
