@@ -293,7 +293,8 @@ def checked(scene: SceneFile) -> SceneFile:
         SceneError: it has none.
     """
     if scene.check is None:
-        raise SceneError(f"scene {scene.name} has no check(sim)")
+        raise SceneError(f"scene {scene.name} has no check(sim): a function in its file that yields pairs (text, "
+                         "whether that holds) after a run")
     return scene
 
 

@@ -74,6 +74,11 @@ def _doubt(sim: Simulation) -> str:
     return f"note: {said}\n" if said else ""
 
 
+def percent(part: float) -> str:
+    """A part in percent, to two digits."""
+    return f"{100 * part:.0f} %" if part >= 0.0995 else f"{100 * part:.2g} %"
+
+
 def _trouble(s: dict, largest: float, out: str | None) -> str:
     """A line on trouble of a run, by its `summary`, each with whether there is anything to do.
 
@@ -91,7 +96,7 @@ def _trouble(s: dict, largest: float, out: str | None) -> str:
         few = count <= MANY * steps
         advice = "usual where cloth hits something" if few else "a smaller --h makes them exact"
         (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
-                                       f"{100 * s['contact_error']:.2g} % of all forces at most: {advice}")
+                                       f"{percent(s['contact_error'])} of all forces at most: {advice}")
     if s["solid_intersections"]:
         said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: "
                     + ("solids leave it no room, as an arm that is pressed into a trunk" if s["pinched"] else

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app.summary import percent
 from taichi_cloth.errors import many
 from taichi_cloth.output.recording import Recording
 from taichi_cloth.recording.reasons import MEANS, why_refused
@@ -137,3 +138,8 @@ def test_why_begins_with_the_parts_of_all_the_time():
 def test_reasons_are_told_in_words(reason, detail, says):
     assert why_refused(reason, detail).startswith(says)
     assert set(MEANS) == set(ADVICE)
+
+
+@pytest.mark.parametrize("part, text", [(1.004, "100 %"), (0.61, "61 %"), (0.0994, "9.9 %"), (0.012, "1.2 %")])
+def test_parts_are_told_in_percent_without_exponents(part, text):
+    assert percent(part) == text

@@ -177,8 +177,8 @@ class LayerStep(EulerStep):
         layers = self.layers
         why = "its energy grew" if self.agreed else (f"{layers.unsettled} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
-        return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "
-                       f"{self.part:.2g} of the last, {why}", measures)
+        free = "" if self.part == 1 else f"only {self.part:.2g} of the last one's motion is free of collisions, "
+        return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: {free}{why}", measures)
 
 
 class LayerPolicy(SolidPolicy):
