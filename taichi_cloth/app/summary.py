@@ -94,7 +94,7 @@ def _trouble(s: dict, largest: float, out: str | None) -> str:
         (fine if usual(*bounds) else said).append(refused(*bounds) + ("" if usual(*bounds) else where))
     if count := s["unsolved_contact"]:
         few = count <= MANY * steps
-        advice = "usual where cloth hits something" if few else "a smaller --h makes them exact"
+        advice = "usual where cloth hits something" if few else "with a smaller --h there are fewer, and they are smaller"
         (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
                                        f"{percent(s['contact_error'])} of all forces at most: {advice}")
     if s["solid_intersections"]:
