@@ -139,7 +139,6 @@ class Filter:
             i = index[k]
             self.dv[i] = self.dv[i] + project(projector, k, row(z, k) - self.dv[i])
 
-
     @ti.kernel
     def impose_rest(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float,
                     zero: int):
