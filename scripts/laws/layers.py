@@ -89,7 +89,7 @@ def ten_at_rest(h: float, cells: int, start: int, threads: int) -> tuple[Result,
     for k in range(10):
         scene.add_cloth(mesh, SHEET, positions=noisy(mesh.x + [0, THICK * (k + 1), 0], start + 100 * k), contact=MEETS)
     with tc.Simulation(scene, h=h, threads=threads) as sim:
-        while sim.time < 0.3 - 1e-9:
+        while sim.time < 0.5 - 1e-9:
             sim.step()
         y = sim.positions()[:, 1].reshape(10, -1)
         load = -sim.solid_loads()["floor"][0][1]

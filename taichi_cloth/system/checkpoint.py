@@ -22,7 +22,7 @@ import numpy as np
 from ..backend.rows import read, write
 from ..errors import SceneError
 
-VERSION = 14  # of checkpoints' content
+VERSION = 15  # of checkpoints' content
 BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
 RENAMED = {"was": "least_before", "firmness": "adaptive_stiffness", "boost": "scale", "lips": "opened_seams",
            "foresight": "forcing_terms", "growth": "thickness_ramp", "debt": "accumulated_gain",
@@ -85,10 +85,13 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
     state = {_now(key): array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
     if "contacts.layers.kept.key" in state:  # 14 added friction, of pinched particles too
         pairs = len(state["contacts.layers.kept.key"])
-        state |= {"contacts.layers.kept.friction": np.zeros((pairs, 3)), "contacts.layers.kept.slip": np.full(pairs, np.inf)}
+        state = {"contacts.layers.kept.friction": np.zeros((pairs, 3)),
+                 "contacts.layers.kept.slip": np.full(pairs, np.inf), **state}
+    if "contacts.layers.adaptive_stiffness.scale" in state:  # by 15
+        state = {"contacts.layers.shift.parts": np.zeros_like(state["contacts.layers.adaptive_stiffness.scale"]), **state}
     if "contacts.solids.pinches.accepted.index" in state:
         pinched = len(state["contacts.solids.pinches.accepted.index"])
-        state |= {"contacts.solids.pinches.accepted.friction": np.zeros((pinched, 3))}
+        state = {"contacts.solids.pinches.accepted.friction": np.zeros((pinched, 3)), **state}
     spared = state.get(f"{PENETRATION}.spared")
     if spared is not None:  # and where cloth is looked for inside solids
         state = {f"{PENETRATION}.across": np.zeros(len(spared), dtype=bool), f"{PENETRATION}.sought": spared > 0, **state}

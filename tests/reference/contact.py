@@ -119,13 +119,14 @@ def spans(faces: np.ndarray) -> np.ndarray:
 
 # repulsion and friction of one pair
 
-def repulsion(d: float, r: float) -> tuple[float, float, float]:
-    """(energy [m^2], force [m], slope) over the stiffness at a distance d of a pair that should keep r.
+def repulsion(d: float, r: float, shift: float = 0.0) -> tuple[float, float, float]:
+    """(energy [m^2], force [m], slope) over the stiffness at a distance d of a pair that should keep r and begins to repel
+    `shift` [m] further away.
 
-    Above the floor by s, with R the room above it: phi'' = 1 for R > s > R/2, phi = R^2/4 log(1/s) + ... from there down to
+    Above the floor by s, with R the room above it to there: phi'' = 1 for R > s > R/2, phi = R^2/4 log(1/s) + ... from there down to
     .02 R, and below that the force grows as 1/d down to .02 r, and no more.
     """
-    R, s = (1 - FLOOR) * r, d - FLOOR * r
+    R, s = (1 - FLOOR) * r + shift, d - FLOOR * r
     low, end = FLOOR * r + LAST * R, LAST * r
 
     def above(s: float) -> tuple[float, float, float]:
@@ -193,6 +194,7 @@ class Pair:
         kind: VERTEX_FACE or EDGE_EDGE; x: (4, 3) where its turns are taken; w, n: (4,), (3,) weights and normal.
         end: distance [m] along the normal; r: what it should be; began: where the step began.
         mass: (4,) [kg]; mu: Coulomb's coefficient; factor: fading; boost: factor of its stiffness.
+        shifts: (4,) parts of r by which its particles begin to repel further away.
         h: the step [s].
     """
 
@@ -207,9 +209,11 @@ class Pair:
     mu: float
     factor: float
     boost: float
+    shifts: np.ndarray
     h: float
 
     def __post_init__(self) -> None:
+        self.shift = self.r * float(np.abs(self.w) @ self.shifts) / 2  # [m]
         self.own = 1 / float(np.sum(self.w**2 / self.mass))  # kg that its distance has
         self.stiff = STIFFNESS * self.own * self.factor * self.boost
         self.t = turns(self.kind, self.x, self.n, self.end)
@@ -219,7 +223,7 @@ class Pair:
 
     def pull(self, d: float) -> tuple[float, float]:
         """(force [N], slope [N/m]) at a distance d."""
-        _, force, slope = repulsion(d, self.r)
+        _, force, slope = repulsion(d, self.r, self.shift)
         stopped = stop(d, self.r, self.began, self.h)
         return self.stiff * force + self.stopping * stopped, self.stiff * slope + self.stopping * (stopped > 0)
 
@@ -238,11 +242,11 @@ class Pair:
         """
         room = lambda part: (FLOOR + part * (1 - FLOOR)) * self.r  # noqa: E731
         least = min(max(self.began, room(LAST)), room(0.5)) if first else LAST * self.r
-        at = min(max(self.end, least), self.r)
+        at = min(max(self.end, least), self.r + self.shift)
         force, slope = self.pull(at)
         if bore is None:  # no more than what stops the approach
             near = self.r - self.began - self.h * float(self.n @ (self.w @ v))
-            bore = min(self.stiff * repulsion(at, self.r)[1], self.own / self.h**2 * max(near, 0.0))
+            bore = min(self.stiff * repulsion(at, self.r, self.shift)[1], self.own / self.h**2 * max(near, 0.0))
         P = np.eye(3) - np.outer(self.n, self.n)
         bound, way = self.rubs * bore, np.zeros(3)
         offset = P @ rubbed * (-CREEP / max(bound, 1e-30))

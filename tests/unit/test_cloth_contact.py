@@ -194,31 +194,35 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
 
 
 @ti.kernel
-def _law(d: ti.types.ndarray(), r: float, out: ti.types.ndarray()):
+def _law(d: ti.types.ndarray(), r: float, shift: float, out: ti.types.ndarray()):
     for k in range(d.shape[0]):
-        force, slope = repulsion.law(d[k], r)
-        out[0, k], out[1, k], out[2, k] = force, slope, repulsion.potential(d[k], r)
+        force, slope = repulsion.law(d[k], r, shift)
+        out[0, k], out[1, k], out[2, k] = force, slope, repulsion.potential(d[k], r, shift)
 
 
-def test_the_law_is_the_slope_of_its_potential_and_joins_smoothly():
+@pytest.mark.parametrize("shift", [0.0, 0.0017])
+def test_the_law_is_the_slope_of_its_potential_and_joins_smoothly(shift):
+    """Of pairs that begin to repel at their distance, or further away."""
     runtime.start("cpu", "f64")
 
     def at(d: np.ndarray) -> np.ndarray:
         out = np.empty((3, len(d)))
-        _law(np.ascontiguousarray(d), r, out)
+        _law(np.ascontiguousarray(d), r, shift, out)
         return out
 
-    r, d, e = 0.01, np.linspace(-0.001, 0.0105, 2001), 1e-8
+    r, d, e = 0.01, np.linspace(-0.001, 0.0125, 2301), 1e-8
     force, slope, _ = at(d)
     change = (at(d - e) - at(d + e)) / (2 * e)
-    assert np.abs(change[2] - force).max() < 1e-4 * force.max()
-    heights = np.interp([SHALLOW, 0.3, 0.5], [0, 1], [FLOOR * r, r])  # parts of the way from the floor
-    pairs = dataclasses.replace(ContactPairs.none(), end=heights, radius=np.full(3, r))
+    assert np.abs(change[2] - force).max() < 1e-4 * force.max() and (force[d > r + shift] == 0).all()
+    assert force[np.searchsorted(d, r + shift) - 1] > 0
+    pairs = dataclasses.replace(ContactPairs.none(), end=np.interp([SHALLOW, 0.3, 0.5], [0, 1], [FLOOR * r, r]),
+                                radius=np.full(3, r))
     assert np.allclose(pairs.room, [SHALLOW, 0.3, 0.5])
-    inner = (d > SHALLOW * r) & (np.abs(d - np.array([[r], [SHALLOW * r], [heights[0]]])) > 1e-6).all(axis=0)
+    heights = FLOOR * r + np.array([SHALLOW, 0.5]) * ((1 - FLOOR) * r + shift)  # parts of the way to where it begins
+    inner = (d > SHALLOW * r) & (np.abs(d - np.array([[r + shift], [SHALLOW * r], [heights[0]]])) > 1e-6).all(axis=0)
     assert np.abs(change[0] - slope)[inner].max() < 1e-4 * slope.max()
     assert (np.diff(force) <= 0).all()
-    for values in at(heights[2] + np.array([-1e-12, 1e-12])):
+    for values in at(heights[1] + np.array([-1e-12, 1e-12])):
         assert abs(values[0] - values[1]) < 1e-9 * max(abs(values[0]), 1e-3)
 
 

@@ -118,24 +118,26 @@ def test_pairs_are_where_the_reference_has_them(rng):
 
 
 @ti.kernel
-def _law(d: ti.types.ndarray(), r: ti.types.ndarray(), out: ti.types.ndarray()):
+def _law(d: ti.types.ndarray(), r: ti.types.ndarray(), s: ti.types.ndarray(), out: ti.types.ndarray()):
     for k in range(d.shape[0]):
-        force, slope = repulsion.law(d[k], r[k])
-        out[k, 0], out[k, 1], out[k, 2] = repulsion.potential(d[k], r[k]), force, slope
+        force, slope = repulsion.law(d[k], r[k], s[k])
+        out[k, 0], out[k, 1], out[k, 2] = repulsion.potential(d[k], r[k], s[k]), force, slope
 
 
 def test_repulsion_is_the_law(rng):
-    """Energy, force and slope at distances from below 0 to beyond reach, of pairs that keep different ones."""
+    """Energy, force and slope at distances from below 0 to beyond reach, of pairs that keep different ones, and of some that
+    begin to repel further away."""
     r = rng.choice([0.002, 0.01, 0.3], size=4000)
     d = r * np.concatenate([rng.uniform(*ends, size=count)  # everywhere, about the floor, and deep below it
-                            for ends, count in (((-0.01, 1.1), 2000), ((0.19, 0.23), 1000), ((0.0, 0.03), 1000))])
+                            for ends, count in (((-0.01, 1.3), 2000), ((0.19, 0.23), 1000), ((0.0, 0.03), 1000))])
+    s = r * rng.uniform(0, 0.25, size=4000) * rng.choice([0, 1], size=4000)
     runtime.start("cpu", "f64")
     out = np.empty((len(d), 3))
-    _law(d, r, out)
-    mine = np.array([ref.repulsion(*each) for each in zip(d, r)])
+    _law(d, r, s, out)
+    mine = np.array([ref.repulsion(*each) for each in zip(d, r, s)])
     deep = d > 0.02 * r  # below which the force stays, and the slope stands for it
     assert np.abs(out[:, :2] - mine[:, :2]).max(axis=0) == pytest.approx([0, 0], abs=1e-12)
-    assert np.abs(out / mine - 1)[deep & (d < 0.99 * r)].max() < 1e-9 and (out[~deep, 2] > 0).all() and (~deep).sum() > 100
+    assert np.abs(out / mine - 1)[deep & (d < r + s - 0.01 * r)].max() < 1e-9 and (out[~deep, 2] > 0).all() and (~deep).sum() > 100
 
 
 @pytest.mark.parametrize("precision, layout", [("f64", "cpu"), ("f64", "device"), ("f32", "cpu")])
@@ -243,8 +245,9 @@ class Solve:
     taken: dict
 
 
-def reference_pairs(sim, p, at, x_0, boost) -> dict:
-    """Pairs as found, as the reference has them."""
+def reference_pairs(sim, p, at, x_0, boost, shifts=None) -> dict:
+    """Pairs as found, as the reference has them; with the shifts that they now have, or others."""
+    shifts = sim.contacts.layers.shift.parts if shifts is None else shifts
     model, mass = sim.model, sim.model.mass
     mu = np.repeat([0.2, 0.7], [c.mesh.vertex_count for c in sim.scene.cloths])[model.user]
     out = {}
@@ -252,7 +255,7 @@ def reference_pairs(sim, p, at, x_0, boost) -> dict:
         v = p.vertices[k]
         out[key] = ref.Pair(int(p.pair[k, 2]), at[v], p.weights[k], p.normal[k], float(p.end[k]), float(p.radius[k]),
                             float(p.normal[k] @ (p.weights[k] @ x_0[v])), mass[v], float(np.sqrt(mu[v[0]] * mu[v[3]])),
-                            float(p.factor[k]), float(boost[v].max()), H / 2)
+                            float(p.factor[k]), float(boost[v].max()), shifts[v], H / 2)
     return out
 
 
@@ -268,14 +271,14 @@ def test_energy_has_that_of_repulsion_as_the_log_has_it(monkeypatch):
     with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
         layers, met = sim.contacts.layers, 0
         for _ in range(6):
-            boost = layers.adaptive_stiffness.scale.copy()
+            boost, shifts = layers.adaptive_stiffness.scale.copy(), layers.shift.parts.copy()
             stiffer.clear()
             record = sim.step()
             assert sim.energy() == pytest.approx(record.energies, rel=1e-12, abs=1e-15)
             if record.layers and not stiffer:
                 x, x_0 = sim.model.read_particles()[0], sim.model.read_saved()[0]
-                pairs = reference_pairs(sim, layers.near, x, x_0, boost).values()
-                stored = sum(q.stiff * ref.repulsion(float(np.linalg.norm(q.w @ q.x)), q.r)[0] for q in pairs)
+                pairs = reference_pairs(sim, layers.near, x, x_0, boost, shifts).values()
+                stored = sum(q.stiff * ref.repulsion(float(np.linalg.norm(q.w @ q.x)), q.r, q.shift)[0] for q in pairs)
                 assert sim.energy()["contact"] == pytest.approx(stored, rel=1e-6) and stored > 0
                 met += 1
         assert met
@@ -294,6 +297,8 @@ def test_solves_are_told_what_the_reference_says(rng):
     layers.intersections.resting[:] = layers.intersections.active = False  # what passes through counts like all else
     layers.detector.let_rest(layers.intersections.resting)
     layers.adaptive_stiffness.scale = rng.choice([1.0, 4.0], size=model.n)
+    layers.shift.parts = rng.uniform(0, 0.25, model.n) * rng.choice([0, 1], size=model.n)
+    layers.shift.resumed()
     x_0, v_0 = model.read_particles()
     model.save()
     ends = [x_0 + 0.005 * rng.normal(size=x_0.shape) for _ in range(3)]
@@ -336,8 +341,8 @@ def test_solves_are_told_what_the_reference_says(rng):
         weighed = layers._evaluate(p)[0]
         assert np.allclose(weighed[OWN], [q.own for q in pairs.values()], rtol=1e-12)
         assert np.allclose(weighed[STIFF], [q.stiff for q in pairs.values()], rtol=1e-12)
-        assert np.allclose(weighed[POTENTIAL], [q.stiff * ref.repulsion(q.end, q.r)[0] for q in pairs.values()], rtol=1e-9,
-                           atol=1e-15)
+        assert np.allclose(weighed[POTENTIAL], [q.stiff * ref.repulsion(q.end, q.r, q.shift)[0] for q in pairs.values()],
+                           rtol=1e-9, atol=1e-15)
         ways = np.array([u[7].any() for u in taken.values()])
         slid, stuck, new = slid + ways.sum() * (k == 2), stuck + (~ways).sum(), new + len(pairs.keys() - bore.keys())
         # where this solve leads
@@ -371,7 +376,7 @@ def test_solves_are_told_what_the_reference_says(rng):
         assert np.allclose(layers.last_forces, list(bore.values()), rtol=1e-8, atol=1e-9)
         assert np.abs(layers.forces() - forces).max() < 1e-6 * np.abs(forces).max()
         before = Solve(pairs, taken)
-    energy = sum(q.stiff * ref.repulsion(q.end, q.r)[0]
+    energy = sum(q.stiff * ref.repulsion(q.end, q.r, q.shift)[0]
                  for q in reference_pairs(sim, layers.near, model_at, x_0, layers.adaptive_stiffness.scale).values())
     assert layers.energy == pytest.approx(energy, rel=1e-9) and layers.count == len(layers.near.end)
     assert slid > 20 and stuck > 100 and new > 20
@@ -380,8 +385,13 @@ def test_solves_are_told_what_the_reference_says(rng):
     for v, part in zip(p.vertices, (p.end / p.radius - 0.2) / 0.8):
         room[v] = np.minimum(room[v], part)
     expected = np.where(room < 0.3, np.minimum(2 * boost, 64), np.where(room > 0.7, np.maximum(0.8**0.5 * boost, 1), boost))
+    # and what ends nearer than it should, by more than 1.5 %, begins to repel further away by .15 of that, half as much here
+    gap, shifts = 0.2 + 0.8 * room, layers.shift.parts
+    lacks = np.where(np.isinf(room), -0.25, np.where(np.abs(1 - gap) > 0.015, 1 - gap, 0))
+    further = np.clip(shifts + 0.075 * lacks, 0, 0.25)
     layers.commit()
     assert np.allclose(layers.adaptive_stiffness.scale, expected, rtol=1e-12)
+    assert np.allclose(layers.shift.parts, further, rtol=1e-12, atol=1e-15) and len(set(further)) > 20
     assert {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
     sim.close()
 

@@ -57,6 +57,7 @@ class CollisionMesh:
         self.half_thickness = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
                                               for c in scene.cloths])[model.user]
         self.half = fields.real(model.n, data=self.half_thickness)
+        self.shifts = fields.real(model.n, data=np.zeros(model.n))  # see `PenaltyShift`
         self.cluster_ids = np.arange(model.n) if model.sewn is None else model.sewn.representative
         self.cluster = fields.integer(model.n, data=self.cluster_ids)
         self.sews, self.over_seams = model.sewn is not None, False
@@ -105,6 +106,18 @@ class CollisionMesh:
     def thickness(self, v):
         """Thickness [m] of the two layers of a pair with particles v."""
         return self.half[v[0]] + self.half[v[3]]
+
+    @ti.func
+    def shift_part(self, v, w):
+        """How much further away than its distance a pair of particles v, weights w begins to repel, in parts of it."""
+        part = 0.0
+        for a in ti.static(range(4)):
+            part += 0.5 * ti.abs(w[a]) * self.shifts[v[a]]
+        return part
+
+    def set_shifts(self, shifts: np.ndarray) -> None:
+        """Sets how much further away than their distance pairs of particles (n,) begin to repel, in parts of it."""
+        write(self.shifts, shifts.astype(self.exchange))
 
     def set_cluster_ids(self, cluster_ids: np.ndarray) -> None:
         """Sets the particles that are sewn together from now on."""

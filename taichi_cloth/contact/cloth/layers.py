@@ -28,7 +28,7 @@ from ..step_start import StepContext
 from . import pair_kernels
 from .barrier import FLOOR
 from .broad_phase import ROUNDING
-from .contact_pairs import CLOSE, AdaptiveStiffness, Comparison, ContactPairs, EndedPairs, LinearizedPairs
+from .contact_pairs import CLOSE, AdaptiveStiffness, Comparison, ContactPairs, EndedPairs, LinearizedPairs, PenaltyShift
 from .narrow_phase import LayerDetector
 from .resident_pairs import pair_calls
 from .untangle import Intersections
@@ -56,12 +56,13 @@ class Layers(Checkpointed):
         least: smallest distance of any pair over that which it should keep, 1 where none is in contact; least_before: that
             of the last step.
         unsettled: pairs whose force was not as the last solve took it.
-        adaptive_stiffness: how much stiffer pairs are than their law.
+        adaptive_stiffness: how much stiffer pairs are than their law; shift: how much further away they repel.
         waived: (n,) particles that solids pinch, whose pairs are disabled; freed: whether any is no longer pinched.
     """
 
     ROUNDS = 12
-    STATE = ("kept", "count", "energy", "least_before", "adaptive_stiffness", "detector", "intersections", "opened_seams")
+    STATE = ("kept", "count", "energy", "least_before", "adaptive_stiffness", "shift", "detector",
+             "intersections", "opened_seams")
     floor, kind = FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
@@ -74,9 +75,9 @@ class Layers(Checkpointed):
         self.intersections = Intersections(model.n, d.mesh, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
-        self.calls = d.calls = pair_calls(self.kind(fields, model, np.sqrt(mu)[model.user]), fields.exchange)
+        self.calls = d.calls = pair_calls(self.kind(fields, model, d.mesh, np.sqrt(mu)[model.user]), fields.exchange)
         self.gravity = scene.gravity
-        self.adaptive_stiffness = AdaptiveStiffness(model.n)
+        self.adaptive_stiffness, self.shift = AdaptiveStiffness(model.n), PenaltyShift(model.n, d.mesh)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.opened_seams: Any = None
         if model.sewn is not None:
@@ -252,7 +253,9 @@ class Layers(Checkpointed):
         if q is not None:
             slip = q.slip(self.model.read_particles()[0] - self.start.x) / self.start.h
             self.kept = EndedPairs.of(q, self.last_forces, slip)
-        self.adaptive_stiffness.commit(p, self.start.share)
+        nearest = p.least_room(self.model.n)
+        self.adaptive_stiffness.commit(nearest, self.start.share)
+        self.shift.commit(nearest, self.start.share)
         self._weighed = None
         self.energy = self._energy(p)  # the next step begins with it
 
@@ -358,6 +361,7 @@ class Layers(Checkpointed):
         """The state was changed from outside."""
         self.kept, self.linearized, self._weighed = EndedPairs(), None, None
         self.adaptive_stiffness.clear()
+        self.shift.clear()
         self.model.save()
         self.intersections.until[:] = 0
         self.count_tangled()

@@ -13,6 +13,7 @@ from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE
 from ..solid.pairs import SETTLING, STIFFER
 from .barrier import SHALLOW, height, law, potential
+from .collision_mesh import CollisionMesh
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
@@ -38,11 +39,11 @@ class PairKernels:
     """Pairs of a model's cloths.
 
     Args:
-        friction: (n,) square roots of the particles' coefficients.
+        mesh: of the cloths; friction: (n,) square roots of the particles' coefficients.
     """
 
-    def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray) -> None:
-        self.model = model
+    def __init__(self, fields: Fields, model: ParticleState, mesh: CollisionMesh, friction: np.ndarray) -> None:
+        self.model, self.mesh = model, mesh
         self.friction = fields.real(model.n, data=friction)
 
     @ti.kernel
@@ -60,10 +61,11 @@ class PairKernels:
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
             counts = self.turn(pair[k, 2], vertices, k, n, end[k], rotation_coupling)
-            force, slope = self.pull(end[k], radius[k], began, stiff, own, factor[k], h)
+            shift = self.shift(vertices, weights, k, radius[k])
+            force, slope = self.pull(end[k], radius[k], shift, began, stiff, own, factor[k], h)
             out[OWN, k], out[STIFF, k], out[BEGAN, k], out[NOW, k] = own, stiff, began, force
             out[MU, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * counts
-            out[POTENTIAL, k] = stiff * potential(end[k], radius[k])
+            out[POTENTIAL, k] = stiff * potential(end[k], radius[k], shift)
 
     @ti.kernel
     def linearize(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
@@ -87,8 +89,9 @@ class PairKernels:
         for k in range(vertices.shape[0]):
             n = row_of(normals, k)
             own, stiff, began = weighed[OWN, k], weighed[STIFF, k], weighed[BEGAN, k]
-            at = self.where(end[k], radius[k], began, first)
-            force, slope = self.pull(at, radius[k], began, stiff, own, factor[k], h)
+            shift = self.shift(vertices, weights, k, radius[k])
+            at = self.where(end[k], radius[k], shift, began, first)
+            force, slope = self.pull(at, radius[k], shift, began, stiff, own, factor[k], h)
             moved, slip, v = 0 * n, 0 * n, self.at(vertices, weights, k, self.model.v_saved)
             for a in ti.static(range(4)):
                 i = vertices[k, a]
@@ -100,7 +103,7 @@ class PairKernels:
             slip -= n.dot(slip) * n
             expected = last_force[k]
             if expected < 0:  # no more than stops those that are new
-                repelled, _ = law(at, radius[k])
+                repelled, _ = law(at, radius[k], shift)
                 expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
             bears = weighed[MU, k] * expected
             offset = -CREEP / ti.max(bears, 1e-30) * row_of(rubbed, k)
@@ -149,6 +152,12 @@ class PairKernels:
                 + weights[k, 2] * rows[vertices[k, 2]] + weights[k, 3] * rows[vertices[k, 3]])
 
     @ti.func
+    def shift(self, vertices: ti.template(), weights: ti.template(), k, radius):
+        """How much further away [m] than its distance the pair begins to repel."""
+        w = ti.Vector([weights[k, a] for a in ti.static(range(4))])
+        return radius * self.mesh.shift_part(ti.Vector([vertices[k, a] for a in ti.static(range(4))]), w)
+
+    @ti.func
     def turn(self, kind, vertices: ti.template(), k, n, d, rotation_coupling: ti.template()):
         """Works out a pair's t_a, `rotation_coupling`; part of its friction that it keeps.
 
@@ -175,22 +184,22 @@ class PairKernels:
         return counts
 
     @ti.func
-    def where(self, end, radius, began, first):
+    def where(self, end, radius, shift, began, first):
         """Distance [m] at which a pair is linearised: where it is, and in a first solve no nearer than it began, or than half
         of the distance it should keep."""
         least = SHALLOW * radius
         if first == 1:
             least = ti.min(ti.max(began, height(SHALLOW, radius)), height(0.5, radius))
-        return ti.min(ti.max(end, least), radius)
+        return ti.min(ti.max(end, least), radius + shift)
 
     @ti.func
-    def pull(self, d, radius, began, stiff, own, factor, h):
+    def pull(self, d, radius, shift, began, stiff, own, factor, h):
         """(force [N], slope [N/m]) of a pair at a distance d: repulsion, and the stop of its approach.
 
         A pair that comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with
         this step's own h. It acts within the step alone, and so gives no speed back.
         """
-        force, slope = law(d, radius)
+        force, slope = law(d, radius, shift)
         most, stop = limit(began, radius, h), STOP * own * factor / h**2
         if d >= most:
             stop *= 0

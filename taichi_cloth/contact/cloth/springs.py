@@ -20,12 +20,12 @@ class SpringKernels(PairKernels):
     """Pairs of a model's cloths with springs between them."""
 
     @ti.func
-    def where(self, end, radius, began, first):
+    def where(self, end, radius, shift, began, first):
         """Distance [m] at which a pair is linearised."""
         return end
 
     @ti.func
-    def pull(self, d, radius, began, stiff, own, factor, h):
+    def pull(self, d, radius, shift, began, stiff, own, factor, h):
         """(force [N] of a pair at a distance d, its slope [N/m] over the step, in which a critical damper adds to it)."""
         spring = STRONG * stiff
         return spring * ti.max(radius - d, 0.0), spring + 2 * ti.sqrt(spring * own) / h
@@ -50,6 +50,7 @@ class Springs(Layers):
         """The step was accepted: where it ended, the next begins."""
         super().commit()
         self.adaptive_stiffness.clear()
+        self.shift.clear()
         self.here = self.near
 
     def clear(self) -> None:
