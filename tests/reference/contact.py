@@ -123,8 +123,8 @@ def repulsion(d: float, r: float, shift: float = 0.0) -> tuple[float, float, flo
     """(energy [m^2], force [m], slope) over the stiffness at a distance d of a pair that should keep r and begins to repel
     `shift` [m] further away.
 
-    Above the floor by s, with R the room above it to there: phi'' = 1 for R > s > R/2, phi = R^2/4 log(1/s) + ... from there down to
-    .02 R, and below that the force grows as 1/d down to .02 r, and no more.
+    Above the floor by s, with R the room above it to where it begins: phi'' = 1 for R > s > R/2, phi = R^2/4 log(1/s) + ...
+    from R/2 down to .02 R, and below that the force grows as 1/d down to .02 r, and no more.
     """
     R, s = (1 - FLOOR) * r + shift, d - FLOOR * r
     low, end = FLOOR * r + LAST * R, LAST * r

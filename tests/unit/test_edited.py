@@ -101,7 +101,7 @@ def test_a_checkpoint_of_versions_before_is_understood():
             sim.resume(before)
             sim.step()
             assert (sim.positions() == x).all()
-        with pytest.raises(tc.SceneError, match="version 10, .* from versions 11 to 14"):
+        with pytest.raises(tc.SceneError, match="version 10, .* from versions 11 to 15"):
             sim.resume({**old, "version": np.array(10)})
 
 
@@ -111,7 +111,7 @@ def test_names_of_version_13_are_read_as_they_are_now():
            "contacts.foresight.rounds": 4, "integrator.accurate.debt": 5, "force.Own.0.was": 6, "particles.boost": 7,
            "contacts.layers.detector.paths.walked": 8}
     now = understood({"version": np.array(13), **old}, "safe", ["Own.0"])
-    assert now.pop("version") == VERSION == 14
+    assert now.pop("version") == VERSION == 15 and now.pop("contacts.layers.shift.parts") == 0
     assert list(now) == ["contacts.layers.least_before", "contacts.layers.adaptive_stiffness.scale",
                          "contacts.solids.thickness_ramp.part", "contacts.forcing_terms.rounds",
                          "integrator.accurate.accumulated_gain", "force.Own.0.was", "particles.boost",
@@ -125,6 +125,16 @@ def test_what_version_13_did_not_keep_of_pinched_cloth():
     now = understood({"version": np.array(13), spared: np.array([0.0, 0.1, 0.0])}, "safe", [])
     assert now["contacts.solids.penetration.sought"].tolist() == [False, True, False]
     assert now["contacts.solids.penetration.across"].tolist() == [False] * 3 and len(now) == 4
+
+
+def test_version_14_did_not_keep_shifts_and_kept_all_else():
+    kept = {"contacts.layers.kept.key": np.arange(2), "contacts.layers.kept.friction": np.ones((2, 3)),
+            "contacts.layers.kept.slip": np.ones(2), "contacts.layers.adaptive_stiffness.scale": np.full(5, 4.0),
+            "contacts.solids.pinches.accepted.index": np.arange(3),
+            "contacts.solids.pinches.accepted.friction": np.ones((3, 3))}
+    now = understood({"version": np.array(14), **kept}, "safe", [])
+    assert now.pop("version") == VERSION and (now.pop("contacts.layers.shift.parts") == np.zeros(5)).all()
+    assert set(now) == set(kept) and all((now[key] == kept[key]).all() for key in kept)
 
 
 @pytest.mark.parametrize("pairs", [0, 2])

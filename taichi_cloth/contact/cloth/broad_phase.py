@@ -23,7 +23,7 @@ from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of, least_between
 from ..solid.pair_detector import MOST
-from .barrier import MOST_SHIFT
+from .barrier import REACH
 from .candidate_rows import known_part, rows_kind
 from .collision_mesh import CollisionMesh
 
@@ -257,8 +257,8 @@ class Candidates(Checkpointed):
         speed, skins = closing(kind, p - p_0, q - q_0, r - r_0, s - s_0), 2 * self.paths.skin[0]
         difference, w = between(kind, p, q, r, s)
         d, out = difference.norm() / (1 + ROUNDING), 0
-        if d - speed - skins < (1 + MOST_SHIFT) * self.mesh.radius_bound(kind, v):
-            radius = (1 + MOST_SHIFT) * self.mesh.largest_radius(kind, v)
+        if d - speed - skins < REACH * self.mesh.radius_bound(kind, v):
+            radius = REACH * self.mesh.largest_radius(kind, v)
             if d - speed - skins < radius:
                 first, w_0 = between(kind, p_0, q_0, r_0, s_0)
                 d_0 = first.norm() / (1 + ROUNDING)
@@ -289,7 +289,7 @@ class Candidates(Checkpointed):
             low, high, changed = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30]), 0
             for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.mesh.size[0])):
                 low_f, high_f, low_1, high_1 = corners_of(self.face_hull[f])
-                margin = (1 + MOST_SHIFT) * self.mesh.half[self.mesh.face[f][0]] + self.paths.skin[0]
+                margin = REACH * self.mesh.half[self.mesh.face[f][0]] + self.paths.skin[0]
                 self.face_low[f], self.face_high[f] = ti.min(low_f, low_1) - margin, ti.max(high_f, high_1) + margin
                 low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
                 v = self.mesh.face[f]
@@ -373,7 +373,7 @@ class Candidates(Checkpointed):
     def reach_of(self, f, g):
         """Within which pairs of two faces are candidates [m]."""
         both = self.mesh.half[self.mesh.face[f][0]] + self.mesh.half[self.mesh.face[g][0]]
-        return (1 + MOST_SHIFT) * both + 2 * self.paths.skin[0]
+        return REACH * both + 2 * self.paths.skin[0]
 
     @ti.func
     def hull(self, p, q, r):

@@ -15,8 +15,8 @@ from .pair_kernels import AT, BEARS, CONE, DRAG, FORCE, GAP, OFFSET, SLOPE, TAKE
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again. With .3 for both a
 # load that holds a crossing takes 72 solves for 55, and cloth that is taut over a bar comes to .34 of the distance for .37
 STIFFEST = 4096.0  # product of the factors at most
-GROWS = 0.15  # of what lacks to a pair's distance, by which its shift grows in a usual step. With .3 ten sheets swing longer: their
-# load on the floor is off by .9 % for .5 after .25 s
+GROWS = 0.15  # of what lacks to a pair's distance, by which its shift grows in a usual step. With .3 ten sheets swing longer:
+# after .25 s their load on the floor is off by .9 % for .5
 OFF = 0.015  # of that distance: what lacks less is left. With 0 a sheet under one that is drawn creeps by 1.1 um/s for .6
 
 
@@ -226,7 +226,7 @@ class PenaltyShift(Checkpointed):
     """How much further away than their distance pairs begin to repel, so that a load that rests holds them at it.
 
     Repulsion k (r + s - d) with a shift s that grows by a part of r - d from step to step is the method of multipliers:
-    k s tends to the load, and d to r [Hestenes 1969; Powell 1969]. Where solids leave no room s is bounded, and so is the force.
+    k s tends to the load, and d to r [Hestenes 1969; Powell 1969]. s is bounded: where solids leave no room, d stays less.
 
     Args:
         n: particles; mesh: of the cloth that meets cloth.

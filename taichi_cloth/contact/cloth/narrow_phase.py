@@ -17,7 +17,7 @@ from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..pair_geometry import between, closing, fading, gap, least_between
 from ..solid.vertices import STRIDES
-from .barrier import MOST_SHIFT
+from .barrier import REACH
 from .broad_phase import ROUNDING, Candidates
 from .collision_mesh import ACROSS
 from .contact_pairs import ContactPairs
@@ -196,7 +196,7 @@ class LayerDetector(Candidates):
                     found = 0
                     for k in range(self.dealer.first(piece, pieces, all_rows), self.dealer.first(piece + 1, pieces, all_rows)):
                         v = self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2])
-                        near, w, n, others = self.in_reach(rows[k, 2], v, distances[k], (1 + MOST_SHIFT) * radii[k] + 1e-12, swept)
+                        near, w, n, others = self.in_reach(rows[k, 2], v, distances[k], REACH * radii[k] + 1e-12, swept)
                         if near and found < pair.shape[1]:
                             for c in ti.static(range(3)):
                                 pair[piece, found, c] = rows[k, c]
