@@ -6,6 +6,9 @@ vertices and pairs of edges alike, as far as both keep most of their distance. L
 than they should move as one, and particles that would pass through a solid stay. Sewn particles that are nearly together
 are joined before. Pairs with solids that are left near have a part of their thickness, which grows (`growth`); layers that
 are left as near as if they were tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
+
+Two cloths in one place have no order, and rounding would tangle them. The later one in the scene lies on the other: its
+vertices there begin a hair further along its normals (`lay_on`).
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..system.quantities import vertex_normals
 from ..system.state import ParticleState
+from .geometry import VERTEX_FACE
 from .growth import NEAR
 from .solid.pairs import PAIR
 from .solid.query import SolidCollisionDetector
@@ -28,6 +33,7 @@ SWEEPS = 30  # at most, each by a tenth of a thickness: with 60 two sheets near 
 AIM, ENOUGH = 0.9, 0.05  # of the distance kept: to which cloth is moved apart; how much of that may lack in the end
 NEAREST = 0.5  # of the thickness: sewn particles that are nearer to their mean are brought together
 MOST = 0.1  # of the thickness: most by which a particle is moved in a sweep
+ONE = 1e-3  # of the distance kept: cloths that are nearer are in one place; the later one is moved by twice as much
 TOGETHER = 12  # times that layers which would come too near are moved as one, and those that would cross are left as they are
 
 
@@ -44,6 +50,24 @@ class Moved:
     left: np.ndarray
     particle: int = 0
     by: float = 0.0
+
+
+def lay_on(model: ParticleState, layers: Layers) -> np.ndarray:
+    """Moves the later of two cloths that start in one place, a hair along its normals; returns its particles (k,)."""
+    mesh, detector = layers.detector.mesh, layers.detector
+    detector.paths.begin()
+    detector.cover()
+    p = detector.look()
+    owner = mesh.owners[p.vertices]
+    one = (p.pair[:, 2] == VERTEX_FACE) & (owner[:, 0] != owner[:, 3]) & (p.end < ONE * p.radius)
+    if not one.any():
+        return np.zeros(0, dtype=np.int64)
+    (x, v), later = model.read_particles(), owner[one] == owner[one].max(axis=1, keepdims=True)
+    moved = np.unique(p.vertices[one][later])
+    x[moved] += 4 * ONE * mesh.half_thickness[moved, None] * vertex_normals(x, mesh.faces)[moved]
+    model.write_particles(x, v)
+    model.save()
+    return moved
 
 
 def move_apart(detector: SolidCollisionDetector, model: ParticleState, layers: Layers | None, fixed: np.ndarray) -> Moved:

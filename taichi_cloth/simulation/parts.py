@@ -140,6 +140,8 @@ class Parts:
 
             self.notes += [str(out) for out in put_in_order(self.contacts.detector, self.model, self.scene, fixed)]
             self.prescribed.begin_anew()
+        if self.contacts.layers is not None:
+            self._lay_on()
         self.notes += self.contacts.inspect()
         detector = self.contacts.detector
         if len(detector.inside.particles) or len(detector.crossed):
@@ -162,6 +164,19 @@ class Parts:
                           f"was moved apart, furthest {name(moved.particle)}, by {moved.by:.2g} m")
         if len(moved.left):
             self.notes.append(f"{len(moved.left)} vertices could not be moved apart, the first of them {name(moved.left[0])}")
+
+    def _lay_on(self) -> None:
+        """Gives cloths that start in one place an order, that of the scene."""
+        from ..contact.settle import lay_on
+
+        moved = lay_on(self.model, self.contacts.layers)
+        if len(moved):
+            self.prescribed.begin_anew()
+            user = self.model.user[moved]
+            names = " and ".join(repr(c.name) for c in self.scene.cloths
+                                 if ((user >= c.start) & (user < c.start + c.mesh.vertex_count)).any())
+            self.notes.append(f"{names}: {len(moved)} vertices start in one place with another cloth. Nothing says which of the "
+                              "two lies outside: they were moved a hair along their normals, to lie on it")
 
     def _advice(self, rejection: str) -> str:
         """The remedy where a run gives up: another start, while cloth that started in a solid is not out of it."""

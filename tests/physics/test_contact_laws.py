@@ -52,8 +52,8 @@ HOLDS = {
     "ten_at_rest": ("least gap", "floor bears"),
     "pressed": ("least gap",),
     "smooth_on_smooth": ("upper went", "steps"),
-    **{f"near_{part}_free": ("speed",) for part in (10, 20, 50, 90)},
-    **{f"near_{part}_pinned": ("speed",) for part in (10, 20, 50, 90)},
+    **{f"near_{part}_free": ("speed",) for part in (0, 10, 20, 50, 90)},
+    **{f"near_{part}_pinned": ("speed",) for part in (0, 10, 20, 50, 90)},
     "pillow": ("speed",),
 }
 MEASURED = {  # of the law
@@ -67,8 +67,6 @@ MEASURED = {  # of the law
     ("capstan_720_01", "ratio"): "3.578 of 3.538",
     ("taut_over_ridge", "least gap"): ".37",
     ("hit_at_10", "least gap"): ".37",
-    ("near_0_free", "speed"): "1.5 to 2.0 of 1.34 m/s",
-    ("near_0_pinned", "speed"): "1.2 to 1.9 of .36 m/s",
     ("crease", "crossings"): "gives up from 5 of 12 starts",
     ("crease", "in order"): "gives up from 5 of 12 starts",
 }
@@ -89,7 +87,7 @@ def test_every_case_is_tested():
 # a rounding decides how vertices come to a sharp edge, on which side each starts, when a polygon's corner comes on, and
 # whether the crease is passed
 BY_CHANCE = {("edge_mesh", "way"), ("edge_sharp", "speed"), ("capstan_180_08", "spread"), ("capstan_360_03", "spread"),
-             ("near_0_free", "speed"), ("near_0_pinned", "speed"), ("crease", "crossings"), ("crease", "in order")}
+             ("crease", "crossings"), ("crease", "in order")}
 LAWS = [*KNOWN, *(pytest.param(*key, marks=pytest.mark.xfail(strict=key not in BY_CHANCE, reason=f"measured today: {text}"))
                   for key, text in MEASURED.items())]
 ORDER = list(CASES)

@@ -33,6 +33,35 @@ def scene_of(shape: str, above: float, layers: int = 1) -> tuple[tc.Scene, list[
                    for k in range(layers)]
 
 
+def test_of_two_cloths_in_one_place_the_later_one_lies_on_the_other():
+    """Flat and curved ones, of one mesh and of two, whatever the rounding: none crosses, and a note says so."""
+    coarse, fine = tc.grid(0.2, 7, centred=True), tc.grid(0.2, 12, centred=True)
+    for bent, upper, noise in ((0.0, coarse, 1e-9), (0.0, fine, 1e-9), (1.0, coarse, 1e-9), (0.0, coarse, 0.0)):
+        scene, rng = tc.Scene(gravity=None), np.random.default_rng(3)
+        for mesh in (coarse, upper):
+            x = wavy(mesh.x) if bent else mesh.x
+            scene.add_cloth(mesh, FABRIC, positions=x + noise * rng.normal(size=x.shape), contact=tc.ClothContact(T))
+        with tc.Simulation(scene, h=1 / 60) as sim:
+            note, = (n for n in sim.notes if "in one place" in n)
+            assert note.startswith("'cloth1': ") and f" {upper.vertex_count} vertices" in note
+            assert cloth_crossings(sim) == 0
+            up = sim.positions()[coarse.vertex_count:, 1].mean() - sim.positions()[:coarse.vertex_count, 1].mean()
+            assert up > 0.3 * T  # moved apart, too, in the order that the note names
+            sim.run(0.1, fps=30)
+            assert cloth_crossings(sim) == 0 and np.linalg.norm(sim.velocities(), axis=1).max() < T * 60
+
+
+def test_cloths_that_are_not_in_one_place_stay_where_they_are():
+    """By two thousandths of the thickness; what only crosses is not moved either."""
+    mesh = tc.grid(0.2, 7, centred=True)
+    for x in (mesh.x + [0.0, 0.002 * T, 0.0], mesh.x[:, [1, 0, 2]] + [0.003, 0.0, 0.002]):
+        scene = tc.Scene(gravity=None)
+        scene.add_cloth(mesh, FABRIC, contact=tc.ClothContact(T))
+        scene.add_cloth(mesh, FABRIC, positions=x, contact=tc.ClothContact(T))
+        with tc.Simulation(scene, h=1 / 60) as sim:
+            assert not any("in one place" in note for note in sim.notes)
+
+
 @pytest.mark.parametrize("shape, layers", [pytest.param("mesh", 2, marks=pytest.mark.slow), ("box", 2)])
 def test_what_starts_near_is_moved_apart(shape, layers):
     """By less than thicknesses, not where it is pinned; and its first steps are calm, and half as large as asked at least."""

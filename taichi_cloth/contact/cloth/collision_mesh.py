@@ -66,6 +66,7 @@ class CollisionMesh:
             self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `OpenedSeams`
             self._keep_sewn_shape(fields, given)
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
+        self.owners = owner
         self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)
 
     def _keep_sewn_shape(self, fields: Fields, given: np.ndarray) -> None:
