@@ -7,8 +7,8 @@ than they should move as one, and particles that would pass through a solid stay
 are joined before. Pairs with solids that are left near have a part of their thickness, which grows (`growth`); layers that
 are left as near as if they were tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
 
-Two cloths in one place have no order, and rounding would tangle them. The later one in the scene lies on the other: its
-vertices there begin a hair further along its normals (`lay_on`).
+Two cloths in one place have no order, and rounding would tangle them. The one with a higher `layer`, or the later one in the
+scene, lies on the other: its vertices there begin a hair further along its normals (`lay_on`).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from .solid.pairs import PAIR
 from .solid.query import SolidCollisionDetector
 
 if TYPE_CHECKING:
+    from ..scene.cloth import Cloth
     from .cloth.contact_pairs import ContactPairs
     from .cloth.layers import Layers
 
@@ -52,13 +53,18 @@ class Moved:
     by: float = 0.0
 
 
-def lay_on(model: ParticleState, layers: Layers) -> np.ndarray:
-    """Moves the later of two cloths that start in one place, a hair along its normals; returns its particles (k,)."""
+def lay_on(model: ParticleState, layers: Layers, cloths: list[Cloth]) -> np.ndarray:
+    """Moves the later of two cloths that start in one place, a hair along its normals; returns its particles (k,).
+
+    Args:
+        cloths: of the scene; one with a higher `layer` is later.
+    """
     mesh, detector = layers.detector.mesh, layers.detector
+    order = np.argsort([c.contact.layer if c.contact else 0 for c in cloths], kind="stable")
     detector.paths.begin()
     detector.cover()
     p = detector.look()
-    owner = mesh.owners[p.vertices]
+    owner = np.argsort(order)[mesh.owners[p.vertices]]  # its rank
     one = (p.pair[:, 2] == VERTEX_FACE) & (owner[:, 0] != owner[:, 3]) & (p.end < ONE * p.radius)
     if not one.any():
         return np.zeros(0, dtype=np.int64)

@@ -169,14 +169,14 @@ class Parts:
         """Gives cloths that start in one place an order, that of the scene."""
         from ..contact.settle import lay_on
 
-        moved = lay_on(self.model, self.contacts.layers)
+        moved = lay_on(self.model, self.contacts.layers, self.scene.cloths)
         if len(moved):
             self.prescribed.begin_anew()
             user = self.model.user[moved]
             names = " and ".join(repr(c.name) for c in self.scene.cloths
                                  if ((user >= c.start) & (user < c.start + c.mesh.vertex_count)).any())
-            self.notes.append(f"{names}: {len(moved)} vertices start in one place with another cloth. Nothing says which of the "
-                              "two lies outside: they were moved a hair along their normals, to lie on it")
+            self.notes.append(f"{names}: {len(moved)} vertices start in one place with another cloth. They were moved a hair "
+                              "along their normals, to lie on it (which of the two does is by `layer`, or the scene's order)")
 
     def _advice(self, rejection: str) -> str:
         """The remedy where a run gives up: another start, while cloth that started in a solid is not out of it."""

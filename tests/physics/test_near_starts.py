@@ -51,6 +51,16 @@ def test_of_two_cloths_in_one_place_the_later_one_lies_on_the_other():
             assert cloth_crossings(sim) == 0 and np.linalg.norm(sim.velocities(), axis=1).max() < T * 60
 
 
+def test_of_two_layers_in_one_place_the_upper_one_lies_on_the_other():
+    mesh, scene = tc.grid(0.2, 7, centred=True), tc.Scene(gravity=None)
+    for layer in (2, 1):
+        scene.add_cloth(mesh, FABRIC, contact=tc.ClothContact(T, layer=layer))
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        assert any(n.startswith("'cloth0': 64 vertices start in one place") for n in sim.notes), sim.notes
+        y = sim.positions()[:, 1].reshape(2, -1).mean(axis=1)
+        assert y[0] - y[1] > 0.3 * T
+
+
 def test_cloths_that_are_not_in_one_place_stay_where_they_are():
     """By two thousandths of the thickness; what only crosses is not moved either."""
     mesh = tc.grid(0.2, 7, centred=True)
