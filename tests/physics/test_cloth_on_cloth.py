@@ -8,6 +8,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
+from taichi_cloth.contact.cloth import contact_pairs
 from taichi_cloth.step.nonlinear.layer_contact import LayerStep
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
@@ -42,9 +43,13 @@ def test_pressed_sheets_lift_apart_freely():
 
 
 @pytest.mark.slow
-def test_what_rests_lies_as_near_whatever_the_step():
-    """Three sheets on a plane: gaps are the same at steps of 1/30 to 1/480 s, and go with the load."""
+@pytest.mark.parametrize("shifts", [True, False])
+def test_what_rests_lies_as_near_whatever_the_step(monkeypatch, shifts):
+    """Three sheets on a plane, at steps of 1/30 to 1/480 s: they keep their distance to 1.5 %. By the stiffness alone gaps are
+    the same, and lack by the load."""
     gaps = []
+    if not shifts:
+        monkeypatch.setattr(contact_pairs, "GROWS", 0.0)
     for h in (1 / 30, 1 / 60, 1 / 240, 1 / 480):
         scene, mesh = tc.Scene(), tc.grid(0.3, 4)
         scene.add_solid(tc.Plane(), 0.3, THICKNESS)
@@ -54,6 +59,9 @@ def test_what_rests_lies_as_near_whatever_the_step():
             while sim.time < 0.3 - 1e-9:
                 sim.step()
             gaps.append(np.diff(sim.positions()[:, 1].reshape(3, -1), axis=0).mean(axis=1) / THICKNESS)
+    if shifts:
+        assert np.abs(np.array(gaps) - 1).max() < 0.015
+        return
     assert np.abs(np.array(gaps) - gaps[1]).max() < 1e-3 and (np.array(gaps) < 0.99).all()
     lower, upper = 1 - gaps[1]
     assert lower == pytest.approx(2 * upper, rel=0.05)  # it bears two
