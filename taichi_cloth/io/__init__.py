@@ -16,6 +16,7 @@ from .animation import READERS
 from .animation import read as read_motion
 from .animation.motion import Wanted, wanted
 from .animation.surface import joined
+from .floor import floor_note
 from .obj import read_obj
 from .off import read_off
 from .pattern import fit_pattern, unlike
@@ -177,8 +178,9 @@ def _still(path: Path, inside: bool, choice: Wanted) -> Surface:
     made = joined(motion, merge=False, weld=None)
     whole = np.ones(len(made.faces), dtype=bool)
     groups = {name: _vertices(made.faces, rows, whole, inside) for name, rows in made.groups.items()}
-    return Surface(made.x[0], made.faces, made.corner_uv, {name: index for name, index in groups.items() if len(index)},
-                   (*motion.notes, *made.notes), motion.unit, motion.up)
+    groups = {name: index for name, index in groups.items() if len(index)}
+    floor = floor_note(upright(made.x[:1], motion.up), groups, [part.name for part in motion.parts])
+    return Surface(made.x[0], made.faces, made.corner_uv, groups, (*motion.notes, *made.notes, *floor), motion.unit, motion.up)
 
 
 def _vertices(faces: np.ndarray, rows: np.ndarray, whole: np.ndarray, inside: bool) -> np.ndarray:

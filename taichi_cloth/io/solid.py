@@ -16,6 +16,7 @@ from .animation import READERS
 from .animation import read as read_motion
 from .animation.motion import Motion, Wanted, wanted
 from .animation.surface import joined, mended, same_places
+from .floor import floor_note
 
 NAMED = 4  # clips that a sentence names
 
@@ -107,7 +108,8 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
                              None if fps is None else fps / read.every, read.groups, start)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-    object.__setattr__(made, "notes", (*read.notes, *made.notes))
+    floor = floor_note(made.x, made.groups, [part.name for part in read.motion.parts]) if read.motion else ()
+    object.__setattr__(made, "notes", (*read.notes, *floor, *made.notes))
     return made, read
 
 
