@@ -11,7 +11,7 @@ from .. import __version__
 from ..errors import many
 from ..recording.accounts import SIGN, change, changes
 from ..recording.reasons import refused, usual
-from ..recording.why import PARTS, lasting
+from ..recording.why import LEAST, PARTS, lasting
 from ..simulation import Simulation
 from ..step.integrators.safe import TOUCH
 
@@ -154,8 +154,9 @@ def _cost(sim: Simulation, s: dict, wall: float, start: float, spent: Mapping[st
     said = (f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}")
     if start:
         return f"{said}, from t = {start:.4g} s on; of the whole run {stepping}, {many(s['cg_iterations'], 'CG iteration')}"
-    rest = wall - own - sum(spent.values())
-    parts = [stepping, *(f"{lasting(spent[key])} {does}" for key, does in OUTPUT.items() if spent.get(key)),
+    told = {does: spent[key] for key, does in OUTPUT.items() if spent.get(key, 0.0) > LEAST * wall}
+    rest = wall - own - sum(told.values())
+    parts = [stepping, *(f"{lasting(took)} {does}" for does, took in told.items()),
              *([f"{lasting(rest)} for set-up and all else"] if rest > 0 else [])]
     return f"{said}: {', '.join(parts)}; {many(s['cg_iterations'], 'CG iteration')}"
 

@@ -31,7 +31,8 @@ CLOTH = np.stack([square(1.0, 1.0), square(1.0, 0.8, 0.3)])
     (square(5.0, 0.0), True), (square(5.0, 0.51), True),  # the cloth dips into it by a little
     (square(5.0, 0.9), False), (square(5.0, 3.0), False),  # a table that the cloth hangs over; a ceiling
     (square(0.6, 0.0), False), (square(5.0, 0.0, 0.1), False), (square(5.0, 0.0) + [4.0, 0, 0], False),
-    (np.stack([square(5.0, 0.0), square(5.0, -0.2)]), False)])  # a lift
+    (np.stack([square(5.0, 0.0), square(5.0, -0.2)]), False),  # a lift
+    (np.stack([square(5.0, 0.0), square(5.0, 0.0) + [0.3, 0, 0]]), False)])  # a cart
 def test_it_is_level_and_still_and_lies_below_and_round_all_others(part, found):
     assert among(CLOTH, part) == ("1" if found else None)
     assert among(part) is None

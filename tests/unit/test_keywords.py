@@ -32,7 +32,7 @@ def test_the_nearest_keyword_is_suggested(what):
 @pytest.mark.skipif(keywords.KNOWN_TO_PYTHON, reason="Python says it")
 def test_other_errors_stay_as_they_are():
     def inner(width: float = 1.0, height: float = 1.0) -> None:
-        raise TypeError("inner() got an unexpected keyword argument 'hight'")
+        raise TypeError(f"{inner.__qualname__}() got an unexpected keyword argument 'hight'")
 
     suggests = keywords.suggesting(inner)
     for options in ({"width": 2.0}, {}):  # the caller gave no such keyword: the error is one of what was called
