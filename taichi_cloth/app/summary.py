@@ -16,6 +16,7 @@ from ..simulation import Simulation
 from ..step.integrators.safe import TOUCH
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
+NO_ROOM = "solids leave it no room, as an arm that is pressed into a trunk"
 OUTPUT = {"draw": "to draw pictures", "write": "to write files"}  # parts of a run beside its steps
 MANY = 0.25  # part of them with inexact contact that is no reason to change anything
 
@@ -82,11 +83,11 @@ def percent(part: float) -> str:
     return f"{100 * part:.0f} %" if part >= 0.0995 else f"{100 * part:.2g} %"
 
 
-def _trouble(s: dict, largest: float, out: str | None) -> str:
+def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0) -> str:
     """A line on trouble of a run, by its `summary`, each with whether there is anything to do.
 
     Args:
-        largest: step [s]; out: the run's folder.
+        largest: step [s]; out: the run's folder; crossed: places in which cloth passes through cloth at the end.
     """
     steps, rejected = s["steps"], sum(s["rejections"].values())
     bounds = rejected, steps, s["smallest_h"] or 0.0, largest
@@ -98,12 +99,16 @@ def _trouble(s: dict, largest: float, out: str | None) -> str:
     if count := s["unsolved_contact"]:
         few = count <= MANY * steps
         advice = "usual where cloth hits something" if few else "with a smaller --h there are fewer, and they are smaller"
-        (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
-                                       f"{percent(s['contact_error'])} of all forces at most: {advice}")
+        error = s["contact_error"]
+        off = f"by {percent(error)} of all forces at most" if error < 1 else "in the worst by more than all forces together"
+        (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, "
+                                       f"{off}: {advice}")
     if s["solid_intersections"]:
         said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: "
-                    + ("solids leave it no room, as an arm that is pressed into a trunk" if s["pinched"] else
-                       "start it where there is room, or with a larger thickness of the solid"))
+                    + (NO_ROOM if s["pinched"] else "start it where there is room, or with a larger thickness of the solid"))
+    if s["known_intersections"]:
+        said.append(f"cloth passes through cloth in {many(s['known_intersections'], 'place')} at most, {crossed:,} at the "
+                    "end: " + (NO_ROOM if s["pinched"] else "start it apart, or with a larger thickness of its contact"))
     return f"trouble: {'; '.join([*(said or ['none']), *fine])}\n"
 
 
@@ -138,7 +143,8 @@ def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None =
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['min_gap_ratio']:.2f} "
                   f"thicknesses; cloth through cloth {counted} (contact knows of at most {s['known_intersections']}), "
                   f"pinched {s['pinched']}\n")
-    trouble = _trouble(s, sim.tally.largest_h or 0.0, out) + (_detail(s) if verbose else "")
+    crossed = sim.last.known_intersections if sim.last else 0
+    trouble = _trouble(s, sim.tally.largest_h or 0.0, out, crossed) + (_detail(s) if verbose else "")
     return (f"model: {model}, largest stretch {s['largest_stretch']:.3f}\n{layers}{_seams(sim)}{_tears(sim)}{trouble}"
             f"energy: {_energy(s['energy'])}\n"
             f"{_doubt(sim)}{_damps(sim)}"

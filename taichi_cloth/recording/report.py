@@ -79,6 +79,7 @@ def _trouble(t: Tally) -> str:
             ("smallest and largest h", f"{1e3 * (t.smallest_h or 0.0):.3g} ms, {1e3 * (t.largest_h or 0.0):.3g} ms"),
             ("worst residual of a solve", f"{t.residual:.2g}"), ("solves not converged", str(t.not_converged)),
             ("crossings with solids, most in a step", str(t.solid_intersections)),
+            ("crossings of cloth with cloth, most in a step", str(t.known_intersections)),
             ("pairs of cloth in contact, most in a step", str(t.layers)),
             ("smallest gap between layers [thicknesses]", f"{t.min_gap_ratio:.2f}"), ("largest stretch", f"{t.stretch:.4f}")]
     return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])

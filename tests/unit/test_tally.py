@@ -139,7 +139,7 @@ def test_the_command_takes_it_too(tmp_path):
 def ended(**other):
     """`summary` of a run of 100 steps without any trouble, but for what is said."""
     return {"steps": 100, "rejections": {}, "smallest_h": 0.01, "unsolved_contact": 0, "contact_error": 0.0,
-            "solid_intersections": 0, "pinched": 0, **other}
+            "solid_intersections": 0, "known_intersections": 0, "pinched": 0, **other}
 
 
 @pytest.mark.parametrize("other, says", [
@@ -147,11 +147,14 @@ def ended(**other):
     ({"rejections": {"CONTACT": 30}}, ["30 of 130 attempts", "`taichi-cloth why out` says where"]),
     ({"unsolved_contact": 20, "contact_error": 0.3}, ["none; ", "20 of 100 steps, by 30 % of all forces", "usual where"]),
     ({"unsolved_contact": 30, "contact_error": 0.3}, ["30 of 100 steps", "a smaller --h"]),
+    ({"unsolved_contact": 30, "contact_error": 33.0}, ["30 of 100 steps", "by more than all forces together"]),
+    ({"known_intersections": 895}, ["through cloth in 895 places at most, 7 at the end", "start it apart"]),
+    ({"known_intersections": 2, "pinched": 1}, ["through cloth in 2 places", "no room"]),
     ({"solid_intersections": 1}, ["through solids in 1 place at most", "start it where there is room"]),
     ({"solid_intersections": 9, "pinched": 2}, ["through solids in 9 places at most", "solids leave it no room"])])
 def test_the_last_lines_say_whether_there_is_anything_to_do(other, says):
     """In plain words: names of rejections, residuals and the method of steps are told with --verbose alone."""
-    line = trouble_line(ended(**other), 0.02, "out")
+    line = trouble_line(ended(**other), 0.02, "out", 7)
     assert ("none" in line) == (line == "trouble: none\n" or "usual" in line)
     assert line.startswith("trouble: ") and all(word in line for word in says)
     for word in ("CONTACT", "NEWTON", "backward Euler", "Coulomb", "residual"):
