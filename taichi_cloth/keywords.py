@@ -1,4 +1,7 @@
-"""Misspelt keywords of public functions and methods. Errors suggest the right one, as Python does from 3.13 on."""
+"""Keywords that a public function does not take: its error suggests the nearest that it takes, or who takes this one.
+
+Python itself suggests the nearest from 3.13 on.
+"""
 
 import difflib
 import functools
@@ -9,15 +12,13 @@ import types
 from collections.abc import Callable
 from typing import Any
 
-KNOWN_TO_PYTHON = sys.version_info >= (3, 13)
 REFUSED = re.compile(r"([\w.<>]+)\(\) got an unexpected keyword argument '(\w+)'$")
 MARK = "__suggests__"
+OWNERS = 3  # that a sentence names
 
 
 def suggesting(found: Any) -> Any:
     """A public function with errors that suggest. A class gets such methods, with its bases and its subclasses so far."""
-    if KNOWN_TO_PYTHON:
-        return found
     if isinstance(found, types.FunctionType):
         return _wrapped(found)
     if isinstance(found, type) and not issubclass(found, Exception):
@@ -71,5 +72,20 @@ def _suggest(error: TypeError, function: Callable, options: dict[str, Any]) -> N
     if not callable(refused):
         return
     near = difflib.get_close_matches(said[2], list(inspect.signature(refused).parameters), n=1)
+    owners = [] if near else _takers(said[2])
     if near:
         error.args = (f"{error}. Did you mean {near[0]!r}?",)
+    elif owners:
+        error.args = (f"{error}. It is one of {', '.join(f'tc.{name}' for name in owners)}",)
+
+
+def _takers(keyword: str) -> list[str]:
+    """Public classes and functions that take a keyword, of those whose modules are loaded."""
+    package = sys.modules[__package__]
+    out = []
+    for name, where in package._WHERE.items():
+        found = getattr(sys.modules.get(f"{__package__}.{where}"), name, None)
+        if callable(found) and not (isinstance(found, type) and issubclass(found, Exception)):
+            if keyword in inspect.signature(found).parameters:
+                out.append(name)
+    return out[:OWNERS]

@@ -15,7 +15,7 @@ GOES_ON, LOST = SWEEP + "a_sweep_goes_on_where_it_ended", SWEEP + "rows_of_a_wor
 GONE = SWEEP + "what_becomes_of_tasks_whose_worker_is_gone"
 MUTATIONS = (
     ("taichi_cloth/app/progress.py", "now - built - sum(self.pictures.took)", "now - built", "pictures count twice", PROGRESS),
-    ("taichi_cloth/app/progress.py", "if took else 0.0)", "if not took else 0.0)", "pictures to come take no time", PROGRESS),
+    ("taichi_cloth/app/progress.py", "if each else 0.0)", "if not each else 0.0)", "pictures to come take no time", PROGRESS),
     ("taichi_cloth/keywords.py", "if not said or said[2] not in options:", "if not said:", "an error from within is changed",
      "tests/unit/test_keywords.py"),
     ("taichi_cloth/app/cli.py", "free_for_a_run(pathlib.Path(options.out), options.overwrite, INSTEAD)", "pass",

@@ -105,9 +105,9 @@ class Left:
             return BUILDING
         if len(self.ends) <= FEW:
             return UNKNOWN
-        to_draw, took = self.pictures.left(frame), self.pictures.took
-        unknown = f" and {many(to_draw, 'picture')}" if to_draw and not took else ""
-        seconds = self._rate() * (self.frames - frame) + (_dearest(took[1:] or took) * to_draw if took else 0.0)
+        to_draw, each = self.pictures.left(frame), self.pictures.took
+        unknown = f" and {many(to_draw, 'picture')}" if to_draw and not each else ""
+        seconds = self._rate() * (self.frames - frame) + (_dearest(each[1:] or each) * to_draw if each else 0.0)
         if self.quicker and seconds > LONG:
             print(f"note: this run takes about {in_words(seconds)} more; {self.quicker}", file=sys.stderr, flush=True)
         self.quicker = ""

@@ -29,7 +29,14 @@ def test_the_nearest_keyword_is_suggested(what):
         CALLS[what]()
 
 
-@pytest.mark.skipif(keywords.KNOWN_TO_PYTHON, reason="Python says it")
+@pytest.mark.parametrize("call, said", [
+    (lambda: tc.Scene().add_cloth(MESH, DENIM, layer=1), "It is one of tc.ClothContact$"),
+    (lambda: tc.Scene(wind=(1, 0, 0)), "It is one of tc.Air$")])
+def test_a_keyword_of_another_is_told_with_who_takes_it(call, said):
+    with pytest.raises(TypeError, match=said):
+        call()
+
+
 def test_other_errors_stay_as_they_are():
     def inner(width: float = 1.0, height: float = 1.0) -> None:
         raise TypeError(f"{inner.__qualname__}() got an unexpected keyword argument 'hight'")
