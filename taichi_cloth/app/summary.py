@@ -107,8 +107,10 @@ def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0) -> str:
         said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: "
                     + (NO_ROOM if s["pinched"] else "start it where there is room, or with a larger thickness of the solid"))
     if s["known_intersections"]:
-        said.append(f"cloth passes through cloth in {many(s['known_intersections'], 'place')} at most, {crossed:,} at the "
-                    "end: " + (NO_ROOM if s["pinched"] else "start it apart, or with a larger thickness of its contact"))
+        advice = NO_ROOM if s["pinched"] else "start it apart, or with a larger thickness of its contact"
+        end = f"{crossed:,} at the end: {advice}" if crossed else "none at the end: there is nothing to do"
+        (said if crossed else fine).append(f"cloth passed through cloth in {many(s['known_intersections'], 'place')} at most, "
+                                           f"{end}")
     return f"trouble: {'; '.join([*(said or ['none']), *fine])}\n"
 
 
