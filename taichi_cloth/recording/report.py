@@ -10,6 +10,7 @@ import numpy as np
 
 from ..backend import runtime
 from ..errors import OutputError
+from ..output.facing import facing
 from ..output.folder import write_whole
 from ..output.look import Look
 from ..output.picture import Artist, contact_sheet, surfaces
@@ -161,11 +162,13 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
         return base64.b64encode(faces.astype("<u4").tobytes()).decode()
 
     paints, on_solids = paints_of(g)
+    way = facing(frames, g["faces"])
     data = {"paints": paints, "solidPaints": on_solids,
             "faces": indices(g.get("corners", g["faces"])), "solidFaces": indices(g["solid_faces"]),
             "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
-            "times": [float(f["t"]) for f in frames], "fps": recording.fps / every}
+            "turn": round(float(np.arctan2(way[0], way[2])), 3), "times": [float(f["t"]) for f in frames],
+            "fps": recording.fps / every}
     return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
 
 

@@ -1,5 +1,8 @@
 """Fitted cameras see cloth from a side from which much of it is seen; heat maps stand out from floors."""
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from taichi_cloth.output.look import Look
 from taichi_cloth.output.picture import Artist
 from taichi_cloth.recording import record
 from taichi_cloth.recording.expected import expected
+from taichi_cloth.recording.report import page
 
 SHEET = tc.grid(0.6, 4)
 
@@ -62,6 +66,18 @@ def test_a_fitted_camera_looks_from_there():
         made = Artist(geometry, (64, 48), Look(camera=camera), lambda: frames).camera
         way = np.subtract(made.eye, made.target)
         assert seen(tuple(way), degrees) > 0.6 if angle else abs(way[0]) < 1e-9
+
+
+def test_a_page_that_plays_a_run_begins_there():
+    """Seen along the towel's plane it would be a line."""
+    degrees = float(np.degrees(np.arctan2(DIRECTION[0], DIRECTION[2])) + 90)
+    scene = towel(degrees)
+    *_, last = expected(scene, 1.0)
+    run = SimpleNamespace(geometry=record.as_built(scene), fps=30, frames=lambda: [0], path="run",
+                          frame=lambda k: {"t": np.array(0.0), "x": last["hung"]})
+    found = re.search(r'"turn": ([\d.-]+)', page(run, "", "", ""))
+    turn = float(found[1])
+    assert seen((np.sin(turn), 0.0, np.cos(turn)), degrees) > 0.6
 
 
 @pytest.mark.parametrize("diverging", [True, False])
