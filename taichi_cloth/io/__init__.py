@@ -1,6 +1,5 @@
 """Reading meshes: a reader a format; sizes that a file claims are held against its own before anything is made of them."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -8,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import checks
-from ..errors import MeshError, near
+from ..errors import MeshError, near, warn
 from ..scene.mesh import TriMesh
 from ..scene.ownshape import twice_area
 from . import blendfile
@@ -124,7 +123,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
     """
     surface = read(path)
     for note in surface.notes:
-        warnings.warn(f"{path}: {note}", stacklevel=3)
+        warn(f"{path}: {note}")
     return surface[:4]
 
 

@@ -1,7 +1,6 @@
 """Solids from files: one mesh, a sequence of positions with one topology, or the parts of a scene as they move."""
 
 import math
-import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import checks
-from ..errors import MeshError, SceneError, near
+from ..errors import MeshError, SceneError, near, warn
 from ..scene.solids import SolidMesh
 from . import SEQUENCES, UP, npz, pointcache, read_surface, refuse_absent, sequence, upright
 from .animation import READERS
@@ -197,7 +196,7 @@ def _frames(pattern: str) -> Loaded:
     files = sequence.frames(pattern)
     said = sequence.missing(files)
     if said:
-        warnings.warn(said, stacklevel=5)  # with the line that asks for the solid
+        warn(said)
     frames: list[np.ndarray] = []
     rest, first, _, groups = read_surface(Path(files[0]))
     for name in files:

@@ -60,3 +60,13 @@ def test_public_names_are_what_they_were():
     assert list(inspect.signature(tc.Scene.add_cloth).parameters)[:3] == ["self", "mesh", "fabric"]
     assert pickle.loads(pickle.dumps(tc.grid)) is tc.grid and isinstance(pickle.loads(pickle.dumps(DENIM)), tc.Fabric)
     assert tc.grid is tc.grid and tc.Scene is tc.Scene
+
+
+def test_warnings_name_the_line_that_calls():
+    """However many functions of the package are in between."""
+    with pytest.warns(UserWarning, match="kept out of the simulation") as seen:
+        tc.TriMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]], [[0, 1, 2]])
+    assert [w.filename for w in seen] == [__file__]
+    with pytest.warns(UserWarning) as seen:
+        tc.Scene().add_cloth(tc.grid(500.0, 2), DENIM)
+    assert {w.filename for w in seen} == {__file__}
