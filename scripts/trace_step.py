@@ -8,8 +8,8 @@ of kernels too. A call counts where a function of one file calls one of another 
 the package. It is upward where the file called could import the caller and not the other way round: by their places in the
 imports that the package's modules make, followed from file to file. A method that overrides one of a base class is called by
 way of that class's file: who imports the base may call its overrides. Wrappers, such as those that time methods or bind
-kernels to their objects, call on behalf of others, so no call from or to them is upward. That of `keywords.py`, which only hands
-public calls on, is left out.
+kernels to their objects, call on behalf of others, so no call from or to them is upward. That of `keywords.py`, which only
+hands public calls on, is left out.
 """
 
 import argparse

@@ -265,6 +265,18 @@ def test_width_and_length_of_a_trunk_belong_together(monkeypatch, wide, long, ri
         tc.fitted(skirt(), somebody(), THICKNESS)
 
 
+@pytest.mark.parametrize("neck, right", [(0.68, True), (0.62, False)])
+def test_a_neck_half_way_up_is_a_gap(monkeypatch, neck, right):
+    """As of a figure whose joints are another part of its file, which was left out."""
+    body = somebody()
+    top = max(s.surface_at(0.0)[:, 1].max() for s in body.solids)
+    low = min(s.surface_at(0.0)[:, 1].min() for s in body.solids)
+    figure = replace(DRAWN_FOR, neck=low + neck * (top - low), crotch=low + 0.4 * (top - low), girths=0.5 * DRAWN_FOR.girths)
+    monkeypatch.setattr("taichi_cloth.garment.fitted.measured", lambda x, faces: figure)
+    with nullcontext() if right else pytest.raises(tc.SceneError, match="neck would be at .* lower than any person's"):
+        tc.fitted(skirt(), body, THICKNESS)
+
+
 @pytest.mark.parametrize("shape, what", [(tc.Sphere(0.5), "no legs"), (None, "without solids")])
 def test_what_is_no_body_is_named(shape, what):
     body = tc.Scene()
