@@ -8,7 +8,8 @@ of kernels too. A call counts where a function of one file calls one of another 
 the package. It is upward where the file called could import the caller and not the other way round: by their places in the
 imports that the package's modules make, followed from file to file. A method that overrides one of a base class is called by
 way of that class's file: who imports the base may call its overrides. Wrappers, such as those that time methods or bind
-kernels to their objects, call on behalf of others, so no call from or to them is upward.
+kernels to their objects, call on behalf of others, so no call from or to them is upward. That of `keywords.py`, which only
+hands public calls on, is left out.
 """
 
 import argparse
@@ -23,6 +24,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "scenes")]
 PACKAGE = ROOT / "taichi_cloth"
 WRAPPERS = {f"backend/{name}.py" for name in ("launches", "taichi_patches", "shared_kernels", "timing")}
+HANDS_ON = str(PACKAGE / "keywords.py")
 CASES = {"`hang`, 51 x 51": ("hang", 50, 0.05), "`sphere_drape`, 36 cells": ("sphere_drape", 36, 0.3),
          "`layers`, 24 cells": ("layers", 24, 0.2)}  # name: scene, cells, simulated seconds before the step
 
@@ -76,7 +78,7 @@ class Trace:
 
     def _event(self, frame, event: str, _arg) -> None:
         file = frame.f_code.co_filename
-        if event not in ("call", "return") or not file.startswith(str(PACKAGE)):
+        if event not in ("call", "return") or not file.startswith(str(PACKAGE)) or file == HANDS_ON:
             return
         if event == "return":
             if self.stack:

@@ -5,6 +5,9 @@ Names are loaded when first used, so that describing a scene does not start Taic
 
 import importlib
 import os
+import sys
+
+from .keywords import suggesting
 
 for name in ("TAICHI", "QUADRANTS"):
     os.environ.setdefault(f"ENABLE_{name}_HEADER_PRINT", "0")  # read when it is imported, wherever that is
@@ -50,6 +53,7 @@ _NAMES = {
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }
 _SHOWN = ("Scene", "Simulation")  # in notebooks by recording.shown; browsers by live.view: beyond the rooms that they are in
+_SUGGESTING: set[str] = set()  # names whose errors about keywords suggest the right ones
 _WHERE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["__version__", *_WHERE]
@@ -57,7 +61,10 @@ __all__ = ["__version__", *_WHERE]
 
 def __getattr__(name: str):
     if name in _WHERE:
-        found = getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
+        module = importlib.import_module(f".{_WHERE[name]}", __name__)
+        if name not in _SUGGESTING:
+            _suggest()
+        found = getattr(module, name)
         if name in _SHOWN:
             found._repr_html_ = _in_html
         if name == "Simulation":
@@ -66,6 +73,15 @@ def __getattr__(name: str):
     if name == "ti":  # the language of kernels, for laws of one's own
         return importlib.import_module(".backend.language", __name__).ti
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _suggest() -> None:
+    """Errors about keywords suggest the right ones in all public names whose modules are loaded."""
+    for name, where in _WHERE.items():
+        module = sys.modules.get(f"{__name__}.{where}")
+        if hasattr(module, name):
+            setattr(module, name, suggesting(getattr(module, name)))
+            _SUGGESTING.add(name)
 
 
 def _in_html(what) -> str:

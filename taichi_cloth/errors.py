@@ -3,6 +3,9 @@
 import difflib
 import itertools
 import pathlib
+import sys
+import types
+import warnings
 from collections.abc import Iterable
 
 
@@ -54,6 +57,15 @@ class SimulationError(ClothError, RuntimeError):
         super().__init__(message)
         self.reason = reason
         self.time = time
+
+
+def warn(said: str) -> None:
+    """Warns with the line outside of this package that led here; Python shows each once a line."""
+    frame: types.FrameType | None = sys._getframe(1)
+    level = 2
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(said, stacklevel=level)
 
 
 def did_you_mean(name: object, choices: Iterable[object]) -> str:

@@ -2,7 +2,7 @@
 
 GLTF, USD = "tests/unit/test_gltf.py", "tests/unit/test_usd_solids.py"
 JOINED, FRAMES = "tests/unit/test_joined_parts.py", "tests/unit/test_frames.py"
-KEPT, LOOK = "tests/unit/test_blender_read.py", "tests/cli/test_look.py"
+KEPT, LOOK, FLOORS = "tests/unit/test_blender_read.py", "tests/cli/test_look.py", "tests/unit/test_floors.py"
 TESTS = (GLTF, JOINED)
 OF = "taichi_cloth/io/animation/"
 MUTATIONS = (
@@ -49,6 +49,9 @@ MUTATIONS = (
     ("taichi_cloth/scene/border.py", "if (nearest <= reach).all() else None", "if (nearest <= reach).any() else None",
      "any two vertices of a border are said to close it", JOINED),
     ("taichi_cloth/app/looking.py", "farthest(shape.x[:, index])", "farthest(shape.x)", "a part moves as all do", LOOK),
-    ("taichi_cloth/app/looking.py", "size[2] == longest > 2", "size[1] == longest > 2", "who stands lies down", LOOK),
+    ("taichi_cloth/app/looking.py", "size[2] == longest and", "size[1] == longest or", "who stands lies down", LOOK),
+    ("taichi_cloth/app/looking.py", "choice = choice._replace(only=floor.others)", "pass", "a floor is measured too", FLOORS),
+    ("taichi_cloth/io/floor.py", "if not (rest and level and still)", "if not (rest and level)", "a lift is a floor", FLOORS),
+    ("taichi_cloth/io/floor.py", "<= below[1] + ROOM * (above[1] - below[1])", "<= above[1]", "a table is a floor", FLOORS),
     ("taichi_cloth/app/looking.py", "== 1).sum())", ">= 1).sum())", "inner edges are border edges", LOOK),
 )

@@ -6,8 +6,14 @@ DRAWN = "tests/cli/test_drawn.py"
 OUTPUT = "tests/unit/test_output.py"
 TESTS = (PICTURES, DRAWN, OUTPUT, LOOKS)
 PACKAGE = "taichi_cloth/"
+FACING = "tests/unit/test_facing.py"
 OUT = PACKAGE + "output/"
 MUTATIONS = (
+    (OUT + "facing.py", "if seen[0] < EDGE_ON * seen.max()", "if False", "a towel is seen edge-on", FACING),
+    (OUT + "facing.py", "for frame in hung or kept", "for frame in kept", "cloth that will hang counts as it lies", FACING),
+    (PACKAGE + "recording/expected.py", "size[1] <= LINE * size[0]", "False", "no cloth hangs from a line", FACING),
+    (PACKAGE + "recording/accounts.py", "name: -ledger[name] for name in LOSSES", "name: ledger[name] for name in LOSSES",
+     "losses have the sign of gains", "tests/unit/test_tally.py"),
     (OUT + "framing.py", "value + max(reach, SPOT)", "value - 9 * max(reach, SPOT)", "the camera comes too near", OUTPUT),
     (OUT + "framing.py", "(most[:, 0] - most[:, 1]) / 2", "(most[:, 0] + most[:, 1]) / 2",
      "the camera looks past the middle", OUTPUT),

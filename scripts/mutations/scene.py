@@ -6,6 +6,8 @@ DESCRIPTION, CHECKS = "tests/unit/test_description.py", "tests/unit/test_checks.
 PICTURES = "tests/unit/test_quantities.py"
 TORN = "tests/unit/test_torn_runs.py"
 MUTATIONS = (
+    ("taichi_cloth/garment/figure.py", "girths <= ARMS * np.median(girths)", "girths > 0", "arms make a trunk wide",
+     "tests/unit/test_fitted.py"),
     ("taichi_cloth/scene/mesh.py",
      "return _fixed(np.abs(twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(twice_area(self.corner_uv)))",
      "areas are doubled", DESCRIPTION),

@@ -1,6 +1,7 @@
 """One-line bugs in `verify`, `study` and `sweep`, and the tests that are to notice them."""
 
 VERIFY, STUDY = "tests/unit/test_verify.py", "tests/unit/test_study_errors.py"
+PROGRESS = "tests/cli/test_progress.py"
 TESTS = (VERIFY, STUDY)
 WRONG = VERIFY + "::test_each_fails_where_what_it_checks_is_wrong"
 RIGHT = VERIFY + "::test_all_hold_where_nothing_is_wrong"
@@ -13,6 +14,12 @@ SWEEPS, SWEEP, KNOWN = "taichi_cloth/sweeps/", "tests/unit/test_sweep.py::test_"
 GOES_ON, LOST = SWEEP + "a_sweep_goes_on_where_it_ended", SWEEP + "rows_of_a_worker_that_was_lost_are_tried_again"
 GONE = SWEEP + "what_becomes_of_tasks_whose_worker_is_gone"
 MUTATIONS = (
+    ("taichi_cloth/app/progress.py", "now - built - sum(self.pictures.took)", "now - built", "pictures count twice", PROGRESS),
+    ("taichi_cloth/app/progress.py", "if each else 0.0)", "if not each else 0.0)", "pictures to come take no time", PROGRESS),
+    ("taichi_cloth/keywords.py", "if not said or said[2] not in options:", "if not said:", "an error from within is changed",
+     "tests/unit/test_keywords.py"),
+    ("taichi_cloth/app/cli.py", "free_for_a_run(pathlib.Path(options.out), options.overwrite, INSTEAD)", "pass",
+     "a folder with a run is refused after the set-up", "tests/unit/test_takes.py"),
     (SWEEPS + "store.py", "        if outcome.scene:\n", "        if True:\n", "rows of lost workers are kept", LOST),
     (SWEEPS + "engine.py", 'return Outcome(LOST, "WORKER"', 'return Outcome("failed", "WORKER"', "a lost run failed", GONE),
     (SWEEPS + "engine.py", "return Outcome(LOST, type(error)", 'return Outcome("ok", type(error)', "a lost run is well", GONE),

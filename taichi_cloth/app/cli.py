@@ -5,6 +5,7 @@ Heavy imports happen inside the commands, so that --help is instant.
 
 import argparse
 import os
+import pathlib
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -137,18 +138,28 @@ def _run(args: argparse.Namespace, scene) -> int:
     sim, start = _simulated(scene, options)
     from .summary import describe
 
-    print(describe(sim, time.perf_counter() - started, start, options.out, args.verbose))
+    spent = _spent(options)
+    print(describe(sim, time.perf_counter() - started, start, options.out, args.verbose, spent))
     if options.out:
-        from ..output.recording import Recording
-
-        took = Recording(options.out).manifest.get("output_seconds", {}).get("draw", 0.0)
-        drawn = f"images/, drawn in {took:.1f} s (--no-images draws none, --size WxH smaller ones)" if options.size else ""
+        drawn = "images/ (--no-images draws none, --size WxH smaller ones)" if options.size else ""
         print(f"written to {options.out}/{drawn}")
     return OK
 
 
+def _spent(options) -> dict[str, float]:
+    """Seconds that a run took to draw and to write, by its folder."""
+    from ..output.recording import Recording
+
+    return Recording(options.out).manifest.get("output_seconds", {}) if options.out else {}
+
+
 def _simulated(scene, options) -> tuple:
-    """The run of a scene, which is built before Taichi is imported: a wrong option is refused at once."""
+    """The run of a scene. What is wrong with its folder or its options is refused before Taichi is imported."""
+    if options.out and not options.resume:
+        from ..output.folder import free_for_a_run
+        from .runoptions import INSTEAD
+
+        free_for_a_run(pathlib.Path(options.out), options.overwrite, INSTEAD)
     built = None if options.resume else scene.make(options.settings)
     from .runner import simulate
 

@@ -2,12 +2,14 @@
 
 import argparse
 import warnings
+from typing import NamedTuple
 
 from .flags import number_of
 from .lists import SHOWN, some
 from .recorded import size_of
 
 PERSON = (0.5, 3.0)  # m, heights of people
+THIN = 0.02  # of its length: lower than this, it lies there as cloth, not as a figure
 
 
 def add_parser(commands) -> None:
@@ -48,18 +50,46 @@ def run(args: argparse.Namespace) -> int:
         warnings.simplefilter("always")
         choice = wanted(clips, args.fps, args.only)
         shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
+        floor = None if args.only or not read.motion else _floor(shape, [part.name for part in read.motion.parts])
+        if floor is not None:  # the rest is what is looked at
+            choice = choice._replace(only=floor.others)
+            shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
     parts = [part.name for part in read.motion.parts] if read.motion else []
     notes = [f"note: {note}" for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape, args.up)]]
     lines = [f"{args.file}: {f'{len(parts)} parts, together ' if len(parts) > 1 else ''}{shape!r}",
-             *told(shape, read.motion, None if args.all else SHOWN), *notes]
+             *told(shape, read.motion, None if args.all else SHOWN), *([floor.line] if floor else []), *notes]
     if to is not None:  # before anything is printed: a reader such as `head` may go before the end
         from ..recording.looked import draw
 
         with waiting(f"drawing {to}"):
-            draw(shape, to, args.size, parts)
+            draw(shape, to, args.size, parts, floor.height if floor else None)
         lines.append(f"written to {to}")
     print("\n".join(lines))
     return 0
+
+
+class Floor(NamedTuple):
+    """A floor under the parts of a file: a line on it, its height [m], the names of the others."""
+
+    line: str
+    height: float
+    others: tuple[str, ...]
+
+
+def _floor(shape, parts: list[str]) -> Floor | None:
+    """The floor among the parts of a solid."""
+    import numpy as np
+
+    from ..io.floor import floor_among
+
+    name = floor_among(shape.x, shape.groups, parts)
+    if name is None:
+        return None
+    x = shape.x[0, shape.groups[name]]
+    size = np.ptp(x, axis=0)
+    line = (f"floor   {name!r}, {size[0]:.4g} x {size[2]:.4g} m at {x[0, 1]:.4g} m: not counted above, drawn as the ground; "
+            f"--only {name} looks at it")
+    return Floor(line, float(x[0, 1]), tuple(p for p in parts if p != name))
 
 
 def told(shape, motion, most: int | None = None) -> list[str]:
@@ -113,7 +143,7 @@ def doubts(shape, up: str | None = None) -> list[str]:
         found = [f"it is {longest:.3g} m long, and people are {PERSON[0]:g} to {PERSON[1]:g} m: if it is one, "
                  f"{fitting(longest, 'tc.load_solid')}"]
     out = [f"{sentence}; here `--scale`" for sentence in found]
-    if up is None and (moves or shape.closed) and size[2] == longest > 2 * size[1]:
+    if up is None and (moves or shape.closed) and size[2] == longest and THIN * longest < size[1] < longest / 2:
         out.append("it is longest along z, twice as long as it is high: if it should stand, "
                    'tc.load_solid(path, up="z") turns it; here `--up z`')
     return out

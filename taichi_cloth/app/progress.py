@@ -4,7 +4,7 @@ import contextlib
 import html
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from ..backend.timing import compiling
 from ..errors import many
@@ -20,15 +20,16 @@ PAUSE = 0.1  # s from one picture of a bar to the next, at least
 
 
 @contextlib.contextmanager
-def progress(frames: int, quicker: str = "") -> Iterator[Show]:
+def progress(frames: int, quicker: str = "", pictures: "Pictures | None" = None) -> Iterator[Show]:
     """A function (simulation, frame) that shows how far a run of so many frames is.
 
     Args:
         quicker: how to make it quicker, which is said where it takes long.
+        pictures: those that it draws.
     """
     from rich.console import Console
 
-    console, left = Console(stderr=True), Left(frames, quicker)
+    console, left = Console(stderr=True), Left(frames, quicker, pictures)
     if console.is_jupyter:
         yield _in_notebook(frames, left)
         return
@@ -50,16 +51,44 @@ def progress(frames: int, quicker: str = "") -> Iterator[Show]:
             yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim, left(frame), room))
 
 
-class Left:
-    """Estimate of a run's remaining time, from its frames so far: by the mean of all, or of the last third where that is more.
+class Pictures:
+    """Pictures of a run, and the time that they take.
 
-    The first frame does not count, nor does the time of first launches of kernels. A frame that spent most of its time on
-    these is reported as `BUILDING` instead. The first estimate of a long run comes with a note on how it is quicker.
+    Args:
+        frames: numbers of those that are drawn.
+
+    Attributes:
+        took: of each picture so far, without first launches of kernels [s].
     """
 
-    def __init__(self, frames: int, quicker: str = "") -> None:
-        self.frames, self.quicker = frames, quicker
-        self.ends: list[float] = []  # times of the frames that count, and of the one before them, without kernels [s]
+    def __init__(self, frames: Iterable[int] = ()) -> None:
+        self.frames = set(frames)
+        self.took: list[float] = []
+
+    @contextlib.contextmanager
+    def timed(self) -> Iterator[None]:
+        """Times one."""
+        began, built = time.perf_counter(), compiling.seconds
+        yield
+        self.took.append(time.perf_counter() - began - (compiling.seconds - built))
+
+    def left(self, frame: int) -> int:
+        """How many come after a frame."""
+        return sum(k > frame for k in self.frames)
+
+
+class Left:
+    """Estimate of a run's remaining time, from its frames and its pictures so far: by the mean of all, or of the last third
+    where that is more.
+
+    The first frame and the first picture do not count, nor does the time of first launches of kernels. A frame that spent most
+    of its time on these is reported as `BUILDING` instead. The first estimate of a long run comes with a note on how it is
+    quicker. Before the first picture the estimate is of the frames alone, and says so.
+    """
+
+    def __init__(self, frames: int, quicker: str = "", pictures: Pictures | None = None) -> None:
+        self.frames, self.quicker, self.pictures = frames, quicker, pictures or Pictures()
+        self.ends: list[float] = []  # of the frames that count, and of the one before them, without kernels and pictures [s]
         self.seen, self.last, self.built = 0, 0.0, 0.0  # calls; time, and time spent on kernels, at the last of them [s]
 
     def __call__(self, frame: int) -> str:
@@ -69,24 +98,30 @@ class Left:
         self.last, self.built = now, built
         self.seen += 1
         if self.seen > 1:
-            self.ends.append(now - built)
+            self.ends.append(now - built - sum(self.pictures.took))
         if frame >= self.frames:
             return ""
         if self.ends and building > took / 2:
             return BUILDING
         if len(self.ends) <= FEW:
             return UNKNOWN
-        seconds = self._rate() * (self.frames - frame)
+        to_draw, each = self.pictures.left(frame), self.pictures.took
+        unknown = f" and {many(to_draw, 'picture')}" if to_draw and not each else ""
+        seconds = self._rate() * (self.frames - frame) + (_dearest(each[1:] or each) * to_draw if each else 0.0)
         if self.quicker and seconds > LONG:
             print(f"note: this run takes about {in_words(seconds)} more; {self.quicker}", file=sys.stderr, flush=True)
         self.quicker = ""
-        return f"about {in_words(seconds)} left" + (" at this rate" if EARLY * frame < self.frames else "")
+        return f"about {in_words(seconds)}{unknown} left" + (" at this rate" if EARLY * frame < self.frames else "")
 
     def _rate(self) -> float:
-        """Seconds a frame."""
-        count = len(self.ends) - 1
-        lately = max(FEW, count // LATELY)
-        return max((self.ends[-1] - self.ends[-1 - k]) / k for k in (count, lately))
+        """Seconds a frame, without its picture."""
+        return _dearest([b - a for a, b in zip(self.ends, self.ends[1:])])
+
+
+def _dearest(seconds: list[float]) -> float:
+    """The mean of all, or of the last third where that is more."""
+    lately = max(FEW, len(seconds) // LATELY)
+    return max(sum(part) / len(part) for part in (seconds, seconds[-lately:]))
 
 
 def in_words(seconds: float) -> str:

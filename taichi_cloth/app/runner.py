@@ -11,12 +11,10 @@ from ..recording.resuming import kept_from, resume
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from .running import run
-from .runoptions import RunOptions
+from .runoptions import INSTEAD, INSTEAD_OF_TAKE, RunOptions
 from .scenefile import SceneFile, plain, said
 from .summary import described
 from .takes import Take, bring
-
-INSTEAD = "--resume goes on with that run, --overwrite removes them"
 
 
 def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = None, parent: Recording | None = None,
@@ -70,8 +68,7 @@ def _folder(options: RunOptions, take: Take | None, parent: Recording | None, re
     """The folder of the run, with the frames that a take begins with; the manifest names their run."""
     if options.out is None:
         return None
-    instead = "`taichi-cloth run` of its scene goes on with it, with --resume" if parent else INSTEAD
-    folder = RunFolder(options.out, options.overwrite, None if parent else resumed, instead)
+    folder = RunFolder(options.out, options.overwrite, None if parent else resumed, INSTEAD_OF_TAKE if parent else INSTEAD)
     try:
         if take and parent and resumed is not None:
             take = bring(take, parent, folder, resumed, manifest)

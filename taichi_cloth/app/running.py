@@ -16,7 +16,7 @@ from ..recording.resuming import run_of
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.records import StepRecord
-from .progress import progress
+from .progress import Pictures, progress
 from .runoptions import RunOptions
 from .summary import summary
 
@@ -43,7 +43,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
     frames = max(1, round(options.duration * options.fps))
     began, before = time.perf_counter() if began is None else began, sim.log if before is None else before
     with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as writer,
-          progress(frames, options.quicker) as show, noted(_ends_soon) as interrupted):
+          progress(frames, options.quicker, writer.pictures if writer else None) as show, noted(_ends_soon) as interrupted):
         def each(sim: Simulation, frame: int) -> None:
             if on_frame is not None:
                 on_frame(sim, frame)
@@ -109,7 +109,7 @@ class Writer:
     """Writes a run's frames, pictures, telemetry and checkpoints, and counts the time that this takes.
 
     Attributes:
-        seconds: wall time of drawing and of writing.
+        seconds: wall time of drawing and of writing; pictures: those that it draws.
     """
 
     def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
@@ -126,6 +126,7 @@ class Writer:
         self.kept_state: int | None = resumed  # the frame of the last checkpoint
         self.time = sim.time  # at the last frame [s]
         self.framing = None if self.artist is None else _framing(self.artist)
+        self.pictures = Pictures(options.drawn if self.artist else ())
         sim.watchers.append(self.steps.append)
 
     def write(self, frame: int) -> None:
@@ -166,8 +167,9 @@ class Writer:
             return {}
         from ..recording.drawing import Extras, files_of
 
-        self.framing.see(arrays)
-        return files_of(self.artist, arrays, frame, Extras(*self.options.passes))[1]
+        with self.pictures.timed():
+            self.framing.see(arrays)
+            return files_of(self.artist, arrays, frame, Extras(*self.options.passes))[1]
 
     def flush(self) -> None:
         """Telemetry of the steps since the last time."""

@@ -3,6 +3,10 @@
 import functools
 from dataclasses import dataclass, field
 
+# than to choose another folder, where one holds a run's files
+INSTEAD = "--resume goes on with that run, --overwrite removes them"
+INSTEAD_OF_TAKE = "--overwrite removes them (`taichi-cloth run` of its scene goes on with it, with --resume)"
+
 
 @dataclass(frozen=True)
 class RunOptions:

@@ -2,18 +2,22 @@
 
 import datetime
 import platform
-from dataclasses import asdict, fields
+from collections.abc import Mapping
+from dataclasses import asdict
 
 import numpy as np
 
 from .. import __version__
 from ..errors import many
+from ..recording.accounts import SIGN, change, changes
 from ..recording.reasons import refused, usual
+from ..recording.why import LEAST, PARTS, lasting
 from ..simulation import Simulation
 from ..step.integrators.safe import TOUCH
-from ..step.ledger import Work
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
+NO_ROOM = "solids leave it no room, as an arm that is pressed into a trunk"
+OUTPUT = {"draw": "to draw pictures", "write": "to write files"}  # parts of a run beside its steps
 MANY = 0.25  # part of them with inexact contact that is no reason to change anything
 
 
@@ -79,11 +83,11 @@ def percent(part: float) -> str:
     return f"{100 * part:.0f} %" if part >= 0.0995 else f"{100 * part:.2g} %"
 
 
-def _trouble(s: dict, largest: float, out: str | None) -> str:
+def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0) -> str:
     """A line on trouble of a run, by its `summary`, each with whether there is anything to do.
 
     Args:
-        largest: step [s]; out: the run's folder.
+        largest: step [s]; out: the run's folder; crossed: places in which cloth passes through cloth at the end.
     """
     steps, rejected = s["steps"], sum(s["rejections"].values())
     bounds = rejected, steps, s["smallest_h"] or 0.0, largest
@@ -95,12 +99,18 @@ def _trouble(s: dict, largest: float, out: str | None) -> str:
     if count := s["unsolved_contact"]:
         few = count <= MANY * steps
         advice = "usual where cloth hits something" if few else "with a smaller --h there are fewer, and they are smaller"
-        (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, by "
-                                       f"{percent(s['contact_error'])} of all forces at most: {advice}")
+        error = s["contact_error"]
+        off = f"by {percent(error)} of all forces at most" if error < 1 else "in the worst by more than all forces together"
+        (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, "
+                                       f"{off}: {advice}")
     if s["solid_intersections"]:
         said.append(f"cloth passes through solids in {many(s['solid_intersections'], 'place')} at most: "
-                    + ("solids leave it no room, as an arm that is pressed into a trunk" if s["pinched"] else
-                       "start it where there is room, or with a larger thickness of the solid"))
+                    + (NO_ROOM if s["pinched"] else "start it where there is room, or with a larger thickness of the solid"))
+    if s["known_intersections"]:
+        advice = NO_ROOM if s["pinched"] else "start it apart, or with a larger thickness of its contact"
+        end = f"{crossed:,} at the end: {advice}" if crossed else "none at the end: there is nothing to do"
+        (said if crossed else fine).append(f"cloth passed through cloth in {many(s['known_intersections'], 'place')} at most, "
+                                           f"{end}")
     return f"trouble: {'; '.join([*(said or ['none']), *fine])}\n"
 
 
@@ -113,20 +123,21 @@ def _detail(s: dict) -> str:
             f"cloth through solids {s['solid_intersections']}\n")
 
 
-def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None = None, verbose: bool = False) -> str:
+def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None = None, verbose: bool = False,
+             spent: Mapping[str, float] | None = None) -> str:
     """The closing lines of a run: size of the model, trouble, energy and cost.
 
     Args:
         wall: time that it took [s]; start: simulated time from which on it did, where a run was gone on with.
         out: its folder; verbose: whether numbers of the solver are told.
+        spent: parts of `wall` on output, as a manifest's `output_seconds` [s].
     """
     s = summary(sim)
     cloths = sim.scene.cloths
-    parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
     faces = sum(c.mesh.face_count for c in cloths)
     model = (f"{sim.model.n} vertices, {faces} triangles, {many(len(sim.scene.solids), 'solid')}, at most "
              f"{many(s['contacts'], 'contact')}")
-    layers, since = "", f", from t = {start:.4g} s on; of the whole run" if start else ""
+    layers = ""
     if sim.contacts is not None and sim.contacts.layers is not None:
         counted = "not counted" if s["intersections"] is None else f"at most {s['intersections']}"
         if sim.log and sim.log[-1].intersections is not None:
@@ -134,21 +145,34 @@ def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None =
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['min_gap_ratio']:.2f} "
                   f"thicknesses; cloth through cloth {counted} (contact knows of at most {s['known_intersections']}), "
                   f"pinched {s['pinched']}\n")
-    trouble = _trouble(s, sim.tally.largest_h or 0.0, out) + (_detail(s) if verbose else "")
+    crossed = sim.last.known_intersections if sim.last else 0
+    trouble = _trouble(s, sim.tally.largest_h or 0.0, out, crossed) + (_detail(s) if verbose else "")
     return (f"model: {model}, largest stretch {s['largest_stretch']:.3f}\n{layers}{_seams(sim)}{_tears(sim)}{trouble}"
             f"energy: {_energy(s['energy'])}\n"
             f"{_doubt(sim)}{_damps(sim)}"
-            f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
-            f"{many(s['steps'], 'step')}, {many(s['cg_iterations'], 'CG iteration')}; {parts}")
+            f"{_cost(sim, s, wall, start, spent or {})}")
+
+
+def _cost(sim: Simulation, s: dict, wall: float, start: float, spent: Mapping[str, float]) -> str:
+    """A line on the time that a run took, and on its parts, which add up to it; of steps alone where it was gone on with."""
+    seconds, steps = s["seconds"], many(s["steps"], "step")
+    own = seconds.get("total", 0.0)
+    inner = ", ".join(f"{name} {lasting(seconds[key])}" for key, name in PARTS.items() if seconds.get(key))
+    stepping = f"{lasting(own)} for {steps}{f' ({inner})' if inner else ''}"
+    said = (f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}")
+    if start:
+        return f"{said}, from t = {start:.4g} s on; of the whole run {stepping}, {many(s['cg_iterations'], 'CG iteration')}"
+    told = {does: spent[key] for key, does in OUTPUT.items() if spent.get(key, 0.0) > LEAST * wall}
+    rest = wall - own - sum(told.values())
+    parts = [stepping, *(f"{lasting(took)} {does}" for does, took in told.items()),
+             *([f"{lasting(rest)} for set-up and all else"] if rest > 0 else [])]
+    return f"{said}: {', '.join(parts)}; {many(s['cg_iterations'], 'CG iteration')}"
 
 
 def _energy(total: dict[str, float]) -> str:
-    """Energy put in, taken out and unaccounted for [J], in a sentence."""
-    given = [f.name for f in fields(Work)] + ["wind", "edited"]
-    taken = ("damping", "plastic", "torn", "method")
-    terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
-             if value and name in (*given, *taken))
-    return (f"changed by {total['kinetic'] + total['potential']:+.3g} J: {', '.join(terms) or 'no work'}; "
+    """Changes of the cloth's energy [J], in a sentence."""
+    terms = (f"{name} {value:+.3g}" for name, value in changes(total).items())
+    return (f"changed by {change(total):+.3g} J ({SIGN}): {', '.join(terms) or 'no work'}; "
             f"unaccounted for {total['unaccounted']:+.2g} J")
 
 

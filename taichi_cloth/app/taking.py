@@ -24,36 +24,39 @@ def add_parser(commands) -> None:
     add("--blend", type=int, default=0, metavar="FRAMES", help="over which options become the new ones (0: at once)")
     add("--duration", type=number_of, metavar="S", help="simulated time from the run's start on [s] (the run's)")
     add("--scene", metavar="FILE", help="the scene's file, if it was moved since the run")
+    add("--overwrite", action="store_true", help="remove another run's files from the new folder")
     add("--checkpoint-every", type=int, default=10, metavar="N", help="frames (10); 0 writes no checkpoints")
 
 
 def run(args: argparse.Namespace) -> int:
     """Goes on; returns the exit code."""
     from .. import checks
-    from ..output.folder import hash_of_file
+    from ..output.folder import free_for_a_run, hash_of_file
     from ..output.recording import Recording
+    from .runoptions import INSTEAD_OF_TAKE, RunOptions
     from .scenefile import settings_of
 
     started = time.perf_counter()
     parent = Recording(args.run)
+    out = _out(args.name, parent.path)
+    free_for_a_run(out, args.overwrite, INSTEAD_OF_TAKE)
     scene = _scene(args, parent)
     was = scene.changed(parent.manifest["settings"])
     settings = was | settings_of(args.set)
     scene.typed(settings)  # options that are no number, or no known word, are refused before Taichi is imported
     from .runner import simulate
-    from .runoptions import RunOptions
     from .summary import describe
     from .takes import Take
 
     duration = _duration(args, parent)
     blend = checks.integer("--blend", args.blend, least=0)
     checks.integer("--checkpoint-every", args.checkpoint_every, least=0)
-    out = _out(args.name, parent.path)
     _check_blended(parent, args.from_frame)
     if hash_of_file(scene.path) != parent.manifest.get("source"):
         print(f"note: {scene.path} was changed since {parent.path} was run", file=sys.stderr)
-    options = RunOptions(str(out), duration, parent.fps, settings=settings, simulation=_simulation(parent),
-                         checkpoint_every=args.checkpoint_every, resume=True, from_frame=args.from_frame)
+    options = RunOptions(str(out), duration, parent.fps, overwrite=args.overwrite, settings=settings,
+                         simulation=_simulation(parent), checkpoint_every=args.checkpoint_every, resume=True,
+                         from_frame=args.from_frame)
     take = Take(os.path.relpath(parent.path, out), str(parent.manifest.get("started", "")), args.from_frame, blend, was)
     sim, start = simulate(scene, options, take, parent)
     print(describe(sim, time.perf_counter() - started, start, options.out))

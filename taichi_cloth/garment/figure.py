@@ -18,6 +18,7 @@ from ..scene.scene import Scene
 LEVELS = 100  # at which a body is cut
 MIDDLE = 0.55  # of its height, where its trunk is looked for
 NARROW = 0.6  # of the trunk's median girth: less is the neck, and of its area: less is no trunk
+ARMS = 2.0  # times the median girth of a trunk: more is one with arms that are stretched out
 TRUNK = 0.34  # of a person's height, from crotch to neck
 ANKLE, SOLE = 0.09, 0.025  # of the height, at which feet are cut
 ASIDE = np.sqrt(0.5)  # cosine between toes and the way across the arms beyond which a trunk is round, and has no arms
@@ -73,11 +74,17 @@ def measured(x: np.ndarray, faces: np.ndarray) -> Figure:
         raise SceneError(NO.format("legs" if len(legs) < 2 else "neck"))
     crotch, top_of = float(heights[lowest]), float(heights[neck])
     trunk_at = [hulls[k] for k in range(lowest, neck + 1)]
-    girths = np.interp(crotch + AT * (top_of - crotch), heights[lowest: neck + 1], [girth(h) for h in trunk_at])
+    girths = _without_arms(np.interp(crotch + AT * (top_of - crotch), heights[lowest: neck + 1], [girth(h) for h in trunk_at]))
     middle = np.mean([centre(h) for h in trunk_at], axis=0)
     widest = max((hulls[k] for k in range(start, neck)), key=lambda h: np.ptp(h @ _across(h)))
     forward, known = _forward(x, faces, floor, top - floor, _across(widest))
     return Figure(crotch, top_of, middle, forward, known, girths)
+
+
+def _without_arms(girths: np.ndarray) -> np.ndarray:
+    """Girths (6,) of a trunk; a level at which arms are stretched out has that of the nearest one without them."""
+    trunk = np.flatnonzero(girths <= ARMS * np.median(girths))
+    return girths[trunk[np.abs(trunk[:, None] - np.arange(len(girths))).argmin(axis=0)]]
 
 
 def parts_at(x: np.ndarray, faces: np.ndarray, height: float) -> list[np.ndarray]:

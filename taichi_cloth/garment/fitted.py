@@ -26,6 +26,7 @@ from .ways import ways
 DRAWN_FOR = Figure(0.835, 1.455, np.zeros(2), np.array([0.0, 1.0]), True,
                    np.array([0.963, 0.819, 0.815, 0.815, 0.815, 0.815]))
 UPRIGHT = 0.3  # of its length: the least rise of a panel's pattern for which it hangs upright
+LOW = 0.65  # of the height: the least at which a person's neck is
 UNEVEN = 1.8  # times as wide as long, or as long as wide, as the figure drawn for: beyond it, a trunk is no person's
 
 
@@ -72,6 +73,7 @@ def _measured(garment: Garment, body: Scene, parts: Sequence[str]) -> tuple[Figu
         across, along = _sizes(garment, figure)
         wide = across if wide is None else wide  # of the whole body, which comes first
         _refuse_uneven(figure, across, along)
+        _refuse_low(figure, float(x[:, 1].min()), float(x[:, 1].max()))
         return figure, across, along
 
     try:
@@ -88,6 +90,13 @@ def _sizes(garment: Garment, figure: Figure) -> tuple[float, float]:
     here |= ~here.any() & (np.abs(AT - (low + top) / 2) == np.abs(AT - (low + top) / 2).min())
     wider = figure.girths / DRAWN_FOR.girths
     return float(wider[here].max()), (figure.neck - figure.crotch) / trunk
+
+
+def _refuse_low(figure: Figure, floor: float, top: float) -> None:
+    """Refuses a neck lower down than any person's: of a body with gaps, as between its joints, or with parts left out."""
+    if figure.neck - floor < LOW * (top - floor):
+        raise SceneError(f"fitted: the body's neck would be at {figure.neck:.3g} m of {top:.3g} m, lower than any person's: "
+                         "its surface has gaps there, or parts of it were left out")
 
 
 def _refuse_uneven(figure: Figure, across: float, along: float) -> None:

@@ -1,6 +1,5 @@
 """Reading meshes: a reader a format; sizes that a file claims are held against its own before anything is made of them."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -8,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import checks
-from ..errors import MeshError, near
+from ..errors import MeshError, near, warn
 from ..scene.mesh import TriMesh
 from ..scene.ownshape import twice_area
 from . import blendfile
@@ -16,6 +15,7 @@ from .animation import READERS
 from .animation import read as read_motion
 from .animation.motion import Wanted, wanted
 from .animation.surface import joined
+from .floor import floor_note
 from .obj import read_obj
 from .off import read_off
 from .pattern import fit_pattern, unlike
@@ -123,7 +123,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
     """
     surface = read(path)
     for note in surface.notes:
-        warnings.warn(f"{path}: {note}", stacklevel=3)
+        warn(f"{path}: {note}")
     return surface[:4]
 
 
@@ -177,8 +177,9 @@ def _still(path: Path, inside: bool, choice: Wanted) -> Surface:
     made = joined(motion, merge=False, weld=None)
     whole = np.ones(len(made.faces), dtype=bool)
     groups = {name: _vertices(made.faces, rows, whole, inside) for name, rows in made.groups.items()}
-    return Surface(made.x[0], made.faces, made.corner_uv, {name: index for name, index in groups.items() if len(index)},
-                   (*motion.notes, *made.notes), motion.unit, motion.up)
+    groups = {name: index for name, index in groups.items() if len(index)}
+    floor = floor_note(upright(made.x[:1], motion.up), groups, [part.name for part in motion.parts])
+    return Surface(made.x[0], made.faces, made.corner_uv, groups, (*motion.notes, *made.notes, *floor), motion.unit, motion.up)
 
 
 def _vertices(faces: np.ndarray, rows: np.ndarray, whole: np.ndarray, inside: bool) -> np.ndarray:

@@ -1,7 +1,6 @@
 """Solids from files: one mesh, a sequence of positions with one topology, or the parts of a scene as they move."""
 
 import math
-import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import checks
-from ..errors import MeshError, SceneError, near
+from ..errors import MeshError, SceneError, near, warn
 from ..scene.solids import SolidMesh
 from . import SEQUENCES, UP, npz, pointcache, read_surface, refuse_absent, sequence, upright
 from .animation import READERS
 from .animation import read as read_motion
 from .animation.motion import Motion, Wanted, wanted
 from .animation.surface import joined, mended, same_places
+from .floor import floor_note
 
 NAMED = 4  # clips that a sentence names
 
@@ -107,7 +107,8 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
                              None if fps is None else fps / read.every, read.groups, start)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-    object.__setattr__(made, "notes", (*read.notes, *made.notes))
+    floor = floor_note(made.x, made.groups, [part.name for part in read.motion.parts]) if read.motion else ()
+    object.__setattr__(made, "notes", (*read.notes, *floor, *made.notes))
     return made, read
 
 
@@ -195,7 +196,7 @@ def _frames(pattern: str) -> Loaded:
     files = sequence.frames(pattern)
     said = sequence.missing(files)
     if said:
-        warnings.warn(said, stacklevel=5)  # with the line that asks for the solid
+        warn(said)
     frames: list[np.ndarray] = []
     rest, first, _, groups = read_surface(Path(files[0]))
     for name in files:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..output.camera import ground_height
 from ..output.described import view_of
+from ..output.facing import facing
 from ..output.framing import fit_all
 from ..output.look import Heat
 from ..recording.expected import expected
@@ -109,11 +110,13 @@ def opening(session: Session, title: str) -> Opening:
     """The `Opening` of a page of the session."""
     geometry = session.geometry
     x = np.concatenate([geometry["x"], geometry["solid_x"]])
-    view, to_come = view_of(geometry), [frame["x"] for frame in expected(session.scene, 0.0)]
-    camera = fit_all([x, *to_come], view.reach, ASPECT) if view.camera is None else camera_at(view.camera, 0.0)
+    view, to_come = view_of(geometry), list(expected(session.scene, 0.0))
+    reached = [frame["x"] for frame in to_come]
+    camera = (camera_at(view.camera, 0.0) if view.camera is not None else
+              fit_all([x, *reached], view.reach, ASPECT, facing(to_come, geometry["faces"])))
     middle = (x.min(axis=0) + x.max(axis=0)) / 2
     cloth, solid = (min(float(part[:, 1].min(initial=np.inf)) for part in parts)
-                    for parts in (to_come, [geometry["solid_x"]]))
+                    for parts in (reached, [geometry["solid_x"]]))
     middle[1] = ground_height(x, view, cloth - view.reach, solid)
     return Opening(title, session.source.parameters, session.source.again, session.scene.air is not None, tuple(camera.eye),
                    tuple(camera.target), tuple(camera.up), camera.fov, tuple(middle.tolist()),

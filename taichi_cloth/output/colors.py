@@ -9,11 +9,12 @@ from .text import HEIGHT, draw_text, ink, text_width
 STONE = (0.52, 0.50, 0.47)
 PALETTE = ((0.62, 0.07, 0.08), (0.06, 0.19, 0.46), (0.08, 0.36, 0.20), (0.62, 0.36, 0.05), (0.32, 0.10, 0.42))
 
-# linear light at even steps: dark blue to yellow for quantities from 0, blue over white to red for those with a middle
+# linear light at even steps: dark blue to yellow for quantities from 0, blue over yellow to red for those with a middle, which
+# is not grey in any light, as floors and solids are
 _RISING = np.array([(0.02, 0.01, 0.10), (0.16, 0.03, 0.36), (0.45, 0.06, 0.30),
                     (0.80, 0.20, 0.10), (0.95, 0.55, 0.06), (0.98, 0.94, 0.45)])
-_DIVERGING = np.array([(0.01, 0.06, 0.35), (0.08, 0.32, 0.70), (0.85, 0.85, 0.83),
-                       (0.75, 0.20, 0.10), (0.35, 0.01, 0.04)])
+_DIVERGING = np.array([(0.01, 0.03, 0.35), (0.05, 0.25, 0.70), (0.12, 0.60, 0.35), (0.98, 0.90, 0.24),
+                       (0.95, 0.42, 0.07), (0.75, 0.10, 0.04), (0.35, 0.00, 0.03)])
 
 
 def heat_colors(values: np.ndarray, low: float, high: float, diverging: bool) -> np.ndarray:

@@ -62,29 +62,16 @@ class RunFolder:
             raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from None
 
     def _prepare(self, overwrite: bool, resumed: int | None, instead: str) -> None:
-        if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path} is a file, not a folder")
-        old = self.run_files() if resumed is None else [f for f in self.of_frames() if _number(f) > resumed]
-        if old and resumed is None and not overwrite:
-            raise OutputError(f"{self.path} holds another run's files ({len(old)}, such as {old[0].name}): choose another "
-                              f"folder, or {instead}")
+        if resumed is None:
+            old = free_for_a_run(self.path, overwrite, instead)
+        else:
+            old = [f for f in of_frames(self.path) if _number(f) > resumed]
         self.path.mkdir(parents=True, exist_ok=True)
         if not os.access(self.path, os.W_OK):
             raise OutputError(f"cannot write to {self.path}")
         self._lock = Lock(self.path)
         for file in old:
             file.unlink()
-
-    def run_files(self) -> list[pathlib.Path]:
-        """The files there that a run wrote."""
-        files = [self.path / name for name in (MANIFEST, TELEMETRY, GEOMETRY)] + self.of_frames()
-        return [f for f in files if f.is_file()] + sorted(self.path.glob("**/*.partial"))
-
-    def of_frames(self) -> list[pathlib.Path]:
-        """Those of single frames."""
-        return [f for kind in (IMAGES, FRAMES, CHECKPOINTS)
-                for f in sorted((self.path / kind).glob("*"), key=lambda file: natural(file.name))
-                if NUMBERED.match(f.name) and f.is_file()]
 
     def write_manifest(self, content: dict) -> None:
         """Writes manifest.json."""
@@ -157,6 +144,29 @@ class RunFolder:
             raise OutputError(f"cannot write {path}: {path.parent} was removed while the run went on")
         write_whole(path, data)
         self._made.add(path.parent)
+
+
+def free_for_a_run(path: pathlib.Path, overwrite: bool, instead: str) -> list[pathlib.Path]:
+    """The files there that another run wrote; none unless they may be removed. Nothing is written yet.
+
+    Raises:
+        OutputError: they may not be removed, or the path is a file.
+    """
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path} is a file, not a folder")
+    files = [path / name for name in (MANIFEST, TELEMETRY, GEOMETRY)] + of_frames(path)
+    old = [f for f in files if f.is_file()] + sorted(path.glob("**/*.partial"))
+    if old and not overwrite:
+        raise OutputError(f"{path} holds another run's files ({len(old)}, such as {old[0].name}): choose another folder, or "
+                          f"{instead}")
+    return old
+
+
+def of_frames(path: pathlib.Path) -> list[pathlib.Path]:
+    """The files of single frames in a run's folder."""
+    return [f for kind in (IMAGES, FRAMES, CHECKPOINTS)
+            for f in sorted((path / kind).glob("*"), key=lambda file: natural(file.name))
+            if NUMBERED.match(f.name) and f.is_file()]
 
 
 def numbered(kind: str, frame: int) -> str:

@@ -9,11 +9,12 @@ import numpy as np
 from ..errors import OutputError
 from ..scene.view import Camera, CameraKeys, View, camera_at
 from ..system.quantities import in_one
-from .camera import DIRECTION, SIDES, ground_height
+from .camera import SIDES, ground_height
 from .colors import draw_bar, heat_colors
 from .described import view_of
 from .drawn import Frame, shell_of, surfaces
 from .exposure import between, focused, spots, through
+from .facing import facing
 from .framing import fit_all, fit_round
 from .look import Look
 from .nearby import Nearby, nearby
@@ -202,7 +203,7 @@ class Artist:
         """
         n = len(self.geometry["x"])
         cloth, solid = (float(x[:, 1].min(initial=np.inf)) for x in (first[:n], first[n:]))
-        cloth, sets = cloth - view.reach, [first]
+        cloth, sets, shapes = cloth - view.reach, [first], [{"x": first[:n]}]
         self.sought = floor = view.ground is None and view.drawn_floor != "none"
         with contextlib.nullcontext() if self.fitted else contextlib.suppress(OutputError):  # said where it is drawn
             for frame in frames() if frames and (self.fitted or floor) else ():
@@ -211,12 +212,16 @@ class Artist:
                 cloth, solid = map(min, (cloth, solid), low)
                 if fits is None and len(x):  # solids that stand still are in the first set already
                     sets.append(x - self._followed(frame))
+                    shapes.append(frame)
             if fits is not None and self.fitted:
-                sets = [self._all_of(frame, first[n:]) - self._followed(frame) for frame in fits()]
+                shapes = list(fits())
+                sets = [self._all_of(frame, first[n:]) - self._followed(frame) for frame in shapes]
         view = replace(view, ground=ground_height(first, view, cloth, solid))
         fit = fit_round if self.look.orbit else fit_all
-        way = SIDES[self.look.camera] if isinstance(self.look.camera, str) else DIRECTION
-        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1], way)) if self.fitted else view
+        if not self.fitted:
+            return view
+        way = SIDES[self.look.camera] if isinstance(self.look.camera, str) else facing(shapes, self.geometry["faces"])
+        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1], way))
 
     def _all_of(self, frame: Frame, still: np.ndarray) -> np.ndarray:
         """(k, 3) vertices of the cloth and of solids in a frame [m], with those of solids that stand still (m, 3)."""

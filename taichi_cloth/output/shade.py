@@ -157,7 +157,7 @@ class Shader:
                 if t < FADE * rows[PLACE, 2]:
                     reached, open_sky = self.light.at(hit, 0 * up_n, up_n, row, column, rows)
                 sun, above = corner(rows, POWER) * ti.max(corner(rows, LIGHT)[1], 0.0), corner(rows, UP)
-                fade = ti.exp(-((t / (FADE * rows[PLACE, 2])) ** 2)) * ti.min(1.0, -ray[1] * 12)
+                fade = ti.exp(-((t / (FADE * rows[PLACE, 2])) ** 4)) * ti.min(1.0, -ray[1] * 12)
                 if ti.static(self.around.floor == "shadow"):
                     left = (sun[1] * reached + open_sky * above[1]) / (sun[1] + above[1])
                     color *= 1 - fade * (1 - left)

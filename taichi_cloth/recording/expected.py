@@ -8,6 +8,7 @@ from ..scene.attachment import Attachment
 from ..scene.scene import Scene
 from .record import drawn_solids, is_ground
 
+LINE = 0.1  # spread of held vertices across a line, by that along it, up to which they are on it
 TIMES = 13  # at which prescribed motion is evaluated, from the first drawn frame to the last
 
 
@@ -15,7 +16,8 @@ def expected(scene: Scene, last: float, first: float = 0.0) -> Iterator[dict[str
     """Yields frames with positions that a run will perhaps come near between two times [s].
 
     Solids and led vertices are at the places of their functions. A cloth follows a motion that leads it as a whole. Held cloth
-    hangs down by its length from there; free cloth falls to the ground, if there is one.
+    hangs down by its length from there; free cloth falls to the ground, if there is one. The last frame has `hung`, (n, 3):
+    cloth that is held along a line as it will hang from it, the rest as it is.
     """
     x = np.concatenate([np.zeros((0, 3)), *(c.positions for c in scene.cloths)])
     solids = drawn_solids(scene)
@@ -33,7 +35,22 @@ def expected(scene: Scene, last: float, first: float = 0.0) -> Iterator[dict[str
             frame["solid_x"] = np.concatenate([s.surface_at(float(t)) for s in solids])
         yield frame
     if scene.gravity.any():
-        yield {"x": _hanging(scene, x, grounds)}
+        hung = _hung(scene, x)
+        yield {"x": np.concatenate([_hanging(scene, x, grounds), hung]), "hung": hung}
+
+
+def _hung(scene: Scene, x: np.ndarray) -> np.ndarray:
+    """(n, 3) positions; each vertex of a cloth that is held along a line as far below that as it is away from it."""
+    down, out = scene.gravity / np.linalg.norm(scene.gravity), x.copy()
+    for cloth in scene.cloths:
+        start, held = cloth.positions, [a.vertices for a in scene.script.attachments if a.cloth is cloth]
+        ends = start[np.unique(np.concatenate(held))] if held else start[:0]
+        centre = ends.mean(axis=0) if len(ends) else np.zeros(3)
+        _, size, axes = np.linalg.svd(ends - centre, full_matrices=False)
+        if len(size) > 1 and size[0] > 0 and size[1] <= LINE * size[0]:
+            on = centre + ((start - centre) @ axes[0])[:, None] * axes[0]
+            out[cloth.start: cloth.start + len(start)] = on + np.linalg.norm(start - on, axis=1)[:, None] * down
+    return out
 
 
 def _hanging(scene: Scene, x: np.ndarray, grounds: list[float]) -> np.ndarray:

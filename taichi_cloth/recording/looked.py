@@ -15,19 +15,21 @@ from ..output.picture import Artist, contact_sheet
 from ..output.png import encode_png
 from ..scene.scene import Scene
 from ..scene.solids import SolidMesh
+from ..scene.view import View
 from . import record
 
 MOMENTS = 4  # of a motion
 
 
-def draw(shape: SolidMesh, path: Path, size: tuple[int, int], parts: Sequence[str] = ()) -> None:
+def draw(shape: SolidMesh, path: Path, size: tuple[int, int], parts: Sequence[str] = (), ground: float | None = None) -> None:
     """Writes a PNG.
 
     Args:
         size: (width, height) of each moment's picture [pixels].
         parts: names of the shape's groups that are drawn in colours of their own, where there are several.
+        ground: its height [m]; below all if None.
     """
-    scene = Scene()
+    scene = Scene(view=View(ground=ground))
     pieces = [shape] if len(parts) < 2 else _apart(shape, parts)
     for k, piece in enumerate(pieces):
         scene.add_prop(piece, name=f"part {k}", color=PALETTE[k % len(PALETTE)] if len(pieces) > 1 else None)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..backend import runtime
 from ..errors import OutputError
+from ..output.facing import facing
 from ..output.folder import write_whole
 from ..output.look import Look
 from ..output.picture import Artist, contact_sheet, surfaces
@@ -17,6 +18,7 @@ from ..output.plot import line_plot
 from ..output.png import encode_png
 from ..output.recording import Recording
 from ..step.records import StepRecord, Tally
+from .accounts import SIGN, change, changes
 from .drawing import frames_of
 from .playback import spread
 from .why import costliest
@@ -78,30 +80,33 @@ def _trouble(t: Tally) -> str:
             ("smallest and largest h", f"{1e3 * (t.smallest_h or 0.0):.3g} ms, {1e3 * (t.largest_h or 0.0):.3g} ms"),
             ("worst residual of a solve", f"{t.residual:.2g}"), ("solves not converged", str(t.not_converged)),
             ("crossings with solids, most in a step", str(t.solid_intersections)),
+            ("crossings of cloth with cloth, most in a step", str(t.known_intersections)),
             ("pairs of cloth in contact, most in a step", str(t.layers)),
             ("smallest gap between layers [thicknesses]", f"{t.min_gap_ratio:.2f}"), ("largest stretch", f"{t.stretch:.4f}")]
     return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])
 
 
 def _energy(t: Tally) -> str:
-    rows = [(name, f"{value:.4g}") for name, value in t.ledger.items()]
-    rows += [("unaccounted, most in a step", f"{t.worst:.4g}"), ("moved", f"{t.moved:.4g}")]
+    ledger = t.ledger
+    rows = [(name, f"{value:+.4g}") for name, value in changes(ledger).items()]
+    rows += [("unaccounted for", f"{ledger['unaccounted']:+.4g}"), ("change in all", f"{change(ledger):+.4g}"),
+             ("of it kinetic", f"{ledger['kinetic']:+.4g}"), ("of it potential", f"{ledger['potential']:+.4g}")]
+    rows += [("unaccounted for, most in a step", f"{t.worst:.4g}"), ("moved from one account to another", f"{t.moved:.4g}")]
     said = t.doubt()
     note = f"<p>{html.escape(said)}</p>" if said else ""
-    return "<h2>Where did the energy go?</h2>" + _table([("sum over all steps", "J"), *rows]) + note
+    return "<h2>Where did the energy go?</h2>" + _table([(f"energy of the cloth, over all steps ({SIGN})", "J"), *rows]) + note
 
 
 def _cost(manifest: dict, log: list[dict]) -> str:
     total = sum(r["seconds"].get("total", 0.0) for r in log)
-    rows = [("part [BW98, table 1]", "s", "ms a step", "share")]
+    rows = [("part of the steps [BW98, table 1]", "s", "ms a step", "share")]
     sums = {part: sum(r["seconds"].get(part, 0.0) for r in log) for part in PARTS}
     for part, spent in {**sums, "other": max(total - sum(sums.values()), 0.0), "total": total}.items():
         rows.append((part, f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}", f"{spent / max(total, 1e-12):.1%}"))
     for part, spent in manifest.get("output_seconds", {}).items():
-        rows.append((f"{part} (beside the solver)", f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}",
-                     f"{spent / max(total, 1e-12):.1%}"))
+        rows.append((f"{part} (not in total)", f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}", ""))
     simulated = log[-1]["t"]
-    return (f"<h2>What did it cost?</h2><p>{total / max(simulated, 1e-12):.2f} wall seconds per simulated second, "
+    return (f"<h2>What did it cost?</h2><p>{total / max(simulated, 1e-12):.2f} s of steps per simulated second, "
             f"{sum(r['iterations'] for r in log):,} CG iterations in {sum(r['solves'] for r in log):,} solves.</p>"
             + _table(rows))
 
@@ -157,11 +162,13 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
         return base64.b64encode(faces.astype("<u4").tobytes()).decode()
 
     paints, on_solids = paints_of(g)
+    way = facing(frames, g["faces"])
     data = {"paints": paints, "solidPaints": on_solids,
             "faces": indices(g.get("corners", g["faces"])), "solidFaces": indices(g["solid_faces"]),
             "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
-            "times": [float(f["t"]) for f in frames], "fps": recording.fps / every}
+            "turn": round(float(np.arctan2(way[0], way[2])), 3), "times": [float(f["t"]) for f in frames],
+            "fps": recording.fps / every}
     return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
 
 

@@ -6,7 +6,6 @@ numpy only. Everything that is wrong with a mesh is said here, before anything i
 from __future__ import annotations
 
 import numbers
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..errors import ClothError, MeshError, did_you_mean, shown
+from ..errors import ClothError, MeshError, did_you_mean, shown, warn
 from .ownshape import own_shape, twice_area
 
 # A triangle whose height is less than this part of its longest edge, in the material plane, has no area.
@@ -85,7 +84,7 @@ class TriMesh:
         loose = int(np.sum(np.bincount(faces.ravel(), minlength=len(x)) == 0))
         if loose:
             note = f"{loose} of {len(x)} vertices belong to no face and are kept out of the simulation"
-            warnings.warn(note, stacklevel=2)
+            warn(note)
             notes += (note,)
         notes += open_note(x, borders) + _flips(faces)
         of: np.ndarray | None = checks.maybe(polygon, checks.array, "polygons of triangles", (len(faces),), row="face",

@@ -1,10 +1,10 @@
 """Check of units: numbers that look like another unit's are told of once, not refused. numpy only."""
 
 import math
-import warnings
 
 import numpy as np
 
+from ..errors import warn
 from .cloth import Cloth
 from .fabric import pair
 from .solids import Solid, SolidMesh
@@ -75,4 +75,4 @@ def fitting(size: float, reader: str) -> str:
 def say(sentences: list[str]) -> None:
     """Warns of them; Python shows each once, with the line that added the cloth or the solid."""
     for sentence in sentences:
-        warnings.warn(sentence, stacklevel=3)
+        warn(sentence)

@@ -146,12 +146,13 @@ def study(name: str, make: Callable[[], Scene], cases: Iterable[Case], duration:
                          "can be said about positions; use a smaller --h, or a scene with some damping")
     say(f"reference: {how}; its positions are good to {doubt[last]:.1e} m up to t = {times[last]:.3g} s")
     rows = []
-    for case in cases:
+    cases = list(cases)
+    for k, case in enumerate(cases):
+        say(f"case {k + 1} of {len(cases)}: {case.integrator} {case.describe()}")
         row, track = _run(case, make, samples)
         if track is not None:
             judge(row, track, fine, last, float(doubt[last]))
         rows.append(row)
-        say(line(row))
     mark_front(rows)
     return Study(name, times, float(times[last]), how, doubt, rows)
 
@@ -185,9 +186,12 @@ def mark_front(rows: list[Row]) -> None:
 
 
 def table(s: Study) -> str:
-    """The rows as text; a star marks the Pareto front."""
+    """The rows as text; a star marks the Pareto front, and a last line explains it."""
     return "\n".join([f"{s.scene}: RMS error of positions at t = {s.predictable:.3g} s against {s.reference}",
-                      HEADER, *(line(row) for row in s.rows)])
+                      HEADER, *(line(row) for row in s.rows), *([STAR] if any(row.best for row in s.rows) else [])])
+
+
+STAR = "* the best for its time: no other case here has both a smaller error and a shorter wall time"
 
 
 HEADER = (f"  {'method':15} {'setting':24} {'wall s':>8} {'error m':>9} {'energy J':>9} {'stretch':>8} {'steps':>6} "

@@ -50,7 +50,7 @@ class Clusters:
         self.size = fields.integer(1, data=np.array([self.count]))  # clusters, as kernels read them
         self.members = fields.integer(len(self.member), data=self.member)
         self.led = self.pulled = False  # pulled: whether some stitches are drawn together by a force, and hold nothing yet
-        self._cloths, self._told = scene.cloths, False
+        self._cloths, self._script, self._told = scene.cloths, scene.script, False
         self.notes: list[str] = []
 
     def _gather(self, whole: np.ndarray) -> None:
@@ -232,11 +232,15 @@ class Clusters:
         return Held(kernel_array(index, np.int32), P, goal, held.moving or self.open, y)
 
     def _tell(self, index: np.ndarray, P: np.ndarray, target: np.ndarray, group: np.ndarray, inverse: np.ndarray) -> None:
-        """A note, once, where members, index (k,) of groups (k,), are held at places that are not one."""
+        """A note, once, where members, index (k,) of groups (k,), are held at places that are not one, by pins or motions.
+        Where solids alone hold them, as an armpit does, there is nothing to do."""
+        by_hand = np.concatenate([np.zeros(0, dtype=int), *(a.cloth.start + a.vertices for a in self._script.attachments)])
+        said = np.zeros(len(inverse), dtype=bool)
+        np.logical_or.at(said, group, np.isin(self.model.user[index], by_hand))
         asked = np.zeros((len(inverse), 3))
         np.add.at(asked, group, np.einsum("kij,kj->ki", P, target))
         off = np.einsum("kij,kj->ki", P, np.einsum("gij,gj->gi", inverse, asked)[group] - target)
-        far = np.linalg.norm(off, axis=1)
+        far = np.linalg.norm(off, axis=1) * said[group]
         if far.max() > APART:
             worst = int(far.argmax())
             vertex = int(self.model.user[index[worst]])

@@ -12,7 +12,7 @@ from inside import call
 
 import taichi_cloth as tc
 from taichi_cloth.app import progress as progress_module
-from taichi_cloth.app.progress import Left, in_words, progress
+from taichi_cloth.app.progress import Left, Pictures, in_words, progress
 from taichi_cloth.backend.timing import compiling
 from taichi_cloth.step.records import Tally
 
@@ -88,6 +88,35 @@ def test_frames_that_become_dearer_count_as_the_last_of_them(monkeypatch):
     assert said[8] == "about 92 s left at this rate" and said[20] == f"about {in_words(4.0 * 80)} left"
     mean = (9 * 1.0 + 12 * 4.0 + 39 * 0.5) / 60  # of all but the first
     assert said[61] == f"about {in_words(mean * 39)} left"
+
+
+@pytest.mark.parametrize("drawn, said", [
+    (range(41), "about 60 s left"),  # 20 frames of 1 s and 20 pictures of 2 s
+    (range(0, 41, 10), "about 24 s left"),  # of which two are left
+    (range(21, 41), "about 20 s and 20 pictures left"), (range(11), "about 20 s left"), ((), "about 20 s left")])
+def test_pictures_count_where_they_are_drawn(monkeypatch, drawn, said):
+    """At frame 20 of 40; the first picture takes 30 s more, for other reasons than kernels."""
+    now = 0.0
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: now)
+    pictures = Pictures(drawn)
+    left = Left(40, "", pictures)
+    for frame in range(21):
+        now += 1.0
+        if frame in pictures.frames:
+            with pictures.timed():
+                now += 2.0 + 30.0 * (not pictures.took)
+        told = left(frame)
+    assert told == said
+
+
+def test_a_run_tells_of_pictures_that_come_late(tmp_path):
+    """Those of the last frames alone: the estimate says that it is without them until one is drawn."""
+    done = call("run", "hang", "--set", "cells=3", "--duration", "1", "--fps", "20", "--integrator", "verlet", "--frames",
+                "14:20", "--size", "32x24", "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    lines = {line.split("/")[0]: line for line in done.stderr.splitlines() if line.startswith("frame ")}
+    assert " s and 7 pictures left" in lines["frame 12"]
+    assert " pictures" not in lines["frame 18"] and " left" in lines["frame 18"]
 
 
 @pytest.mark.parametrize("each, quicker, told", [(4.0, "--small is", True), (2.0, "--small is", False), (4.0, "", False)])

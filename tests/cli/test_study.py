@@ -2,9 +2,12 @@
 
 import csv
 import json
+import re
 
 import pytest
 from inside import call
+
+from taichi_cloth.studies.study import STAR
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +29,11 @@ def test_study_writes_tables(tmp_path):
         assert [float(r["error"]) for r in csv.DictReader(file)] == [r["error"] for r in rows]
     svg = (tmp_path / "s" / "study.svg").read_text()
     assert svg.startswith("<svg xmlns") and svg.count("<circle") == 5
-    assert "RMS error of positions at t = 0.2 s" in done.stdout and done.stdout.count("\n* ") == sum(r["best"] for r in rows)
+    assert "RMS error of positions at t = 0.2 s" in done.stdout
+    assert done.stdout.count("\n* ") == sum(r["best"] for r in rows) + 1
+    assert done.stdout.splitlines()[-2] == STAR and done.stdout.count("backward_euler") == 2
+    assert done.stderr.count("case ") == 5 and "case 3 of 5: backward_euler h = 1/30\n" in done.stderr
+    assert "wall s" not in done.stderr and not re.search(r"\d\.\d\de-\d\d", done.stderr.split("case ", 1)[1])
 
 
 def test_verify_passes_on_a_scene_and_sees_what_is_wrong(tmp_path):

@@ -12,6 +12,8 @@ import shlex
 
 import pytest
 
+from taichi_cloth.app import scenefile
+
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -80,6 +82,28 @@ def test_commands_are_parsed(capsys):
             _parser().parse_args(words[1:])
         except SystemExit:
             pytest.fail(f"{page.name}, line {line}: {' '.join(words)}: {capsys.readouterr().err}")
+
+
+def test_lines_of_the_readme_need_nothing_that_they_do_not_name():
+    """A file is in the clone, made by a line before, or said to be the reader's; an extra is named."""
+    extras = {"view": "view", "blend": "blender", "sweep": "sweep", "fit": "fit", "dress": "garment", "look": "gltf"}
+    lines = [line for _, block in blocks(ROOT / "README.md", "") for line in block.splitlines() if "taichi-cloth " in line]
+    made, seen = {"out/hang"}, set()
+    for line in lines:
+        command, _, comment = line.partition("#")
+        words = shlex.split(command.split("&&")[-1])[1:]
+        if "--light" in words:  # another than the scene's own, or it shows nothing
+            assert words[words.index("--light") + 1] != scenefile.read("hang").make({}).view.light, line
+        if words[0] in extras:
+            seen.add(words[0])
+            assert f"extra `{extras[words[0]]}`" in comment, line
+        for before, word in zip(words, words[1:]):
+            if before in ("--to", "--out"):
+                made.add(word)
+            elif re.search(r"[a-z]/[a-z]|[a-z]\.[a-z]", word):
+                own = (ROOT / word).exists() or any(pathlib.PurePath(word).is_relative_to(path) for path in made)
+                assert own or "of yours" in comment, line
+    assert seen == set(extras)
 
 
 def test_scripts_are_there():

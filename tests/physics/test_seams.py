@@ -472,6 +472,22 @@ def test_a_band_round_a_cylinder():
     sim.close()
 
 
+@pytest.mark.parametrize("pinned", [True, False])
+def test_what_solids_hold_at_two_places_is_not_told(pinned):
+    """As in an armpit, where nobody can let go of anything; with a pin at one of the places it is."""
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(0.3, 4), tc.Fabric(0.2, tc.Stretch(1000, 1)))
+    scene.sew(cloth, [0], [24])
+    if pinned:
+        scene.pin(cloth, 24)
+    with tc.Simulation(scene) as sim:
+        seams = sim.model.sewn
+        rows = np.array([seams.model.particle[0], seams.model.particle[24]])
+        seams._tell(rows, np.tile(np.eye(3), (2, 1, 1)), np.array([[0.0, 0, 0], [0.1, 0, 0]]), np.array([0, 0]),
+                    np.eye(3)[None] / 2)
+        assert len(seams.notes) == pinned
+
+
 def test_what_is_sewn_and_held_at_two_places_is_told():
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(0.3, 4), tc.Fabric(0.2, tc.Stretch(1000, 1)))

@@ -195,6 +195,19 @@ def test_a_waist_narrower_than_the_neck_is_not_the_neck():
     assert found.neck == usual.neck
 
 
+@pytest.mark.parametrize("high", [1.26, 1.2])
+def test_arms_that_are_stretched_out_are_no_girth_of_the_trunk(high):
+    """As of a soldier with a collar as wide as a trunk: his neck is found high up, and his shoulders far below it."""
+    body = somebody()
+    body.add_solid(tc.Capsule((-0.8, high, 0), (0.8, high, 0), 0.06), friction=0.4, thickness=0.004, name="arms")
+    found = measured(*surface_of(body))
+    level = found.crotch + AT * (found.neck - found.crotch)
+    assert (np.abs(level - high) < 0.06).any()
+    assert found.girths == pytest.approx(measured(*surface_of(somebody())).girths, rel=0.02)
+    _, notes = tc.fitted(skirt(), body, THICKNESS)
+    assert notes[0].startswith("the garment is made 1 times as wide")
+
+
 def test_where_nothing_is_over_the_feet_there_is_no_trunk():
     body = tc.Scene()
     feet = [((x, 0.1, 0), (x, 0.1, 0.1), 0.09) for x in (-0.15, 0.15)]
@@ -250,6 +263,18 @@ def test_width_and_length_of_a_trunk_belong_together(monkeypatch, wide, long, ri
     monkeypatch.setattr("taichi_cloth.garment.fitted.measured", lambda x, faces: figure)
     with nullcontext() if right else pytest.raises(tc.SceneError, match="as no person is"):
         tc.fitted(skirt(), somebody(), THICKNESS)
+
+
+@pytest.mark.parametrize("neck, right", [(0.68, True), (0.62, False)])
+def test_a_neck_half_way_up_is_a_gap(monkeypatch, neck, right):
+    """As of a figure whose joints are another part of its file, which was left out."""
+    body = somebody()
+    top = max(s.surface_at(0.0)[:, 1].max() for s in body.solids)
+    low = min(s.surface_at(0.0)[:, 1].min() for s in body.solids)
+    figure = replace(DRAWN_FOR, neck=low + neck * (top - low), crotch=low + 0.4 * (top - low), girths=0.5 * DRAWN_FOR.girths)
+    monkeypatch.setattr("taichi_cloth.garment.fitted.measured", lambda x, faces: figure)
+    with nullcontext() if right else pytest.raises(tc.SceneError, match="neck would be at .* lower than any person's"):
+        tc.fitted(skirt(), body, THICKNESS)
 
 
 @pytest.mark.parametrize("shape, what", [(tc.Sphere(0.5), "no legs"), (None, "without solids")])

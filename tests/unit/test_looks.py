@@ -57,6 +57,21 @@ def test_grey_under_a_white_sky_is_that_grey(geometry, monkeypatch, quality):
     assert seen[25:95, 25:95] == pytest.approx(np.broadcast_to([0.5, 0.25, 0.125, 1], (70, 70, 4)), abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["day", "sun"])
+def test_ground_near_the_cloth_has_no_haze_and_the_horizon_has_no_edge(geometry, name):
+    """In the sun beside it, as light and colour say; far away it is the sky's."""
+    lights, up = rig.RIGS[name], np.array([0.0, 1.0, 0.0])
+    key = np.array(lights.key) / np.linalg.norm(lights.key)
+    colour = np.array(lights.floor) * (np.array(lights.power) * (key @ up) + np.array(lights.up))
+    camera = Camera((0.5, 1.0, 3.0), (0.5, 0.0, 0.0), fov=50.0)
+    g = geometry | {"ground": np.array(-1.0)}
+    seen = light(g, light=name, camera=camera, floor="plain")
+    assert seen[-1, 110, :3] == pytest.approx(colour, rel=0.03)
+    level = int(frame(camera).project(np.array([[0.5, 1.0, -1e6]]), 120, 120)[0, 1])
+    assert np.abs(np.diff(seen[: 60, 110, :3], axis=0)).max() < 0.08 and level < 60
+    assert seen[level + 1, 110, :3] == pytest.approx(lights.horizon, rel=0.15)
+
+
 def test_a_highlight_holds_the_light_that_is_thrown_back(geometry, monkeypatch):
     """All of it over the half space, by the pixels of a wide camera near the sheet: each sees it from another side."""
     fov, n = 150.0, 160

@@ -6,6 +6,8 @@ import pathlib
 import shlex
 import shutil
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -93,7 +95,10 @@ def test_a_folder_that_holds_another_run_is_refused_and_a_full_disk_is_named(fir
     assert "going on from frame 6, t = " in capsys.readouterr().err
     assert call("take", first, "twice", "--from-frame", 6) == 2
     said = capsys.readouterr().err
-    assert "holds another run's files" in said and "--resume" in said and "--overwrite" not in said and "going on" not in said
+    assert "holds another run's files" in said and "--resume" in said and "--overwrite" in said and "going on" not in said
+    assert call("take", first, "twice", "--from-frame", 3, "--overwrite") == 0
+    same_frames(first, first.parent / "twice")
+    assert Recording(first.parent / "twice").manifest["take"]["frame"] == 3
 
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -102,6 +107,20 @@ def test_a_folder_that_holds_another_run_is_refused_and_a_full_disk_is_named(fir
     monkeypatch.setattr(shutil, "copyfile", full)
     assert call("take", first, "full", "--from-frame", 6) == 2
     assert "No space left on device" in capsys.readouterr().err and not (first.parent / "full" / "run.lock").exists()
+
+
+@pytest.mark.parametrize("words", [("take", "first", "taken", "--from-frame", "6"),
+                                   ("run", "sheet.py", "--out", "taken", *RUN)])
+def test_a_folder_that_is_taken_is_refused_before_taichi_is_imported(first, words):
+    """In a process of its own, which tells whether it was."""
+    (first.parent / "taken").mkdir(exist_ok=True)
+    (first.parent / "taken" / "manifest.json").write_text("{}")
+    code = ("import sys; from taichi_cloth.app.cli import main; code = main(sys.argv[1:]); "
+            "print([name for name in ('taichi', 'quadrants') if name in sys.modules]); sys.exit(code)")
+    done = subprocess.run([sys.executable, "-c", code, *words], cwd=first.parent, capture_output=True, text=True,
+                          env=os.environ | {"PYTHONPATH": str(pathlib.Path(__file__).parents[2])}, check=False)
+    assert done.returncode == 2 and "taken holds another run's files" in done.stderr and "--overwrite removes" in done.stderr
+    assert done.stdout.strip() == "[]"
 
 
 def by_hand(first: pathlib.Path, blend: int) -> list[np.ndarray]:

@@ -1,12 +1,14 @@
 """What steps add up to, and logs that are shorter than a run. Most of it without a simulation."""
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import cli
+from taichi_cloth.app.summary import _energy as energy_line
 from taichi_cloth.app.summary import _trouble as trouble_line
 from taichi_cloth.app.summary import describe, summary
 from taichi_cloth.recording.report import _energy, _trouble
@@ -92,6 +94,36 @@ def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_
     assert _energy(page) == _energy(none.tally) and _trouble(page) == _trouble(none.tally)
 
 
+def numbers_in(text: str) -> dict[str, float]:
+    """Numbers with a sign, by the words before them."""
+    words = re.sub("<[^>]+>", " ", text).replace("unaccounted for", "unaccounted")
+    return {name: float(value) for name, value in re.findall(r"(\w+) +([+-][\d.e+-]*\d)", words)}
+
+
+@pytest.mark.parametrize("ledger", [{"pins": 1.0, "damping": 0.5}, {"wind": -0.25, "method": -0.125, "plastic": 2.0}])
+def test_a_run_and_its_report_give_energies_one_sign_and_say_which(ledger):
+    """Gained is positive, lost negative, and the accounts add up to the change."""
+    total = Tally.of([step(0.125, **ledger)]).ledger
+    line, page = energy_line(total), _energy(Tally.of([step(0.125, **ledger)]))
+    assert "+ gained by the cloth, - lost" in line and "+ gained by the cloth, - lost" in page
+    said, told = numbers_in(line), numbers_in(page)
+    change = said.pop("by")
+    assert set(said) == {*ledger, "damping", "unaccounted"} and change == pytest.approx(sum(said.values()), abs=0.06)
+    assert {name: told[name] for name in said} == pytest.approx(said, rel=0.05) and told["all"] == change
+    assert all(said[name] == (-value if name in ("damping", "method", "plastic") else value) for name, value in ledger.items())
+
+
+@pytest.mark.slow
+def test_parts_of_the_time_add_up_to_the_one_total(simulations):
+    """Steps, pictures, files and the rest."""
+    sim = simulations[0]
+    own = sim.tally.seconds["total"]
+    said = describe(sim, own + 3.02, spent={"draw": 1.5, "write": 0.25}).split("cost: ")[1]
+    assert f" simulated in {own + 3.02:.1f} s on cpu f64: " in said and "total" not in said
+    assert f" for {sim.tally.steps} steps (linear solves " in said
+    assert ", 1.5 s to draw pictures, 250 ms to write files, 1.3 s for set-up and all else; " in said
+
+
 def test_what_a_log_cannot_keep_is_refused():
     for kept in (-1, 1.5, "some", "-2", None, True):
         with pytest.raises(tc.SceneError, match="^log = "):
@@ -107,7 +139,7 @@ def test_the_command_takes_it_too(tmp_path):
 def ended(**other):
     """`summary` of a run of 100 steps without any trouble, but for what is said."""
     return {"steps": 100, "rejections": {}, "smallest_h": 0.01, "unsolved_contact": 0, "contact_error": 0.0,
-            "solid_intersections": 0, "pinched": 0, **other}
+            "solid_intersections": 0, "known_intersections": 0, "pinched": 0, **other}
 
 
 @pytest.mark.parametrize("other, says", [
@@ -115,12 +147,16 @@ def ended(**other):
     ({"rejections": {"CONTACT": 30}}, ["30 of 130 attempts", "`taichi-cloth why out` says where"]),
     ({"unsolved_contact": 20, "contact_error": 0.3}, ["none; ", "20 of 100 steps, by 30 % of all forces", "usual where"]),
     ({"unsolved_contact": 30, "contact_error": 0.3}, ["30 of 100 steps", "a smaller --h"]),
+    ({"unsolved_contact": 30, "contact_error": 33.0}, ["30 of 100 steps", "by more than all forces together"]),
+    ({"known_intersections": 895}, ["through cloth in 895 places at most, 7 at the end", "start it apart"]),
+    ({"known_intersections": 8, "crossed": 0}, ["none; ", "through cloth in 8 places at most, none at the end: there"]),
+    ({"known_intersections": 2, "pinched": 1}, ["through cloth in 2 places", "no room"]),
     ({"solid_intersections": 1}, ["through solids in 1 place at most", "start it where there is room"]),
     ({"solid_intersections": 9, "pinched": 2}, ["through solids in 9 places at most", "solids leave it no room"])])
 def test_the_last_lines_say_whether_there_is_anything_to_do(other, says):
     """In plain words: names of rejections, residuals and the method of steps are told with --verbose alone."""
-    line = trouble_line(ended(**other), 0.02, "out")
-    assert ("none" in line) == (line == "trouble: none\n" or "usual" in line)
+    line = trouble_line(ended(**other), 0.02, "out", other.get("crossed", 7))
+    assert ("none" in line) == (line == "trouble: none\n" or "usual" in line or "nothing to do" in line)
     assert line.startswith("trouble: ") and all(word in line for word in says)
     for word in ("CONTACT", "NEWTON", "backward Euler", "Coulomb", "residual"):
         assert word not in line

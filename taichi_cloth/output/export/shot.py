@@ -17,6 +17,7 @@ from ..camera import frame as axes_of
 from ..camera import ground_height
 from ..colors import PALETTE, STONE
 from ..described import appearances_of, image_uv, view_of
+from ..facing import facing
 from ..framing import fit_all
 from ..rig import rig_of
 from .pieces import Arrays, Cut, Frame, turned
@@ -308,7 +309,10 @@ def _cameras(g: Arrays, times: np.ndarray, meshes: list[Mesh]) -> list[Camera]:
         return [camera.at(float(t)) for t in times]
     if isinstance(camera, Camera):
         return [camera]
-    return [fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT)]
+    shapes = ({"x": x, "faces": surface.faces} for mesh in meshes if mesh.kind == "cloth"
+              for x, surface in zip(mesh.x, mesh.surfaces * len(mesh.x)))
+    way = facing(shapes, np.zeros((0, 3), dtype=int))
+    return [fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT, way)]
 
 
 def _lowest(meshes: list[Mesh], view: View) -> float:

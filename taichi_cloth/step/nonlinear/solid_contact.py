@@ -198,6 +198,7 @@ class SolidPolicy(EulerPolicy):
                 self.system.stays_definite = self.system.definite = False
                 if made.rejection is None or contacts.start.share > 1.5 / FINEST:
                     return made
-                self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without")
+                self.system.tell("some small steps in contact were solved less exactly, as is usual where cloth hits "
+                                 "something: there is nothing to do; a run's last lines say how inexact forces are")
             self.system.start_over()
         return super().attempt(h, pins, start, clock, solutions)

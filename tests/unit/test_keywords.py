@@ -1,0 +1,72 @@
+"""Misspelt keywords of public functions and methods."""
+
+import inspect
+import pickle
+
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth import keywords
+
+MESH, DENIM = tc.grid(1.0, 2), tc.fabrics["denim"]
+CALLS = {
+    "add_cloth(colour) color": lambda: tc.Scene().add_cloth(MESH, DENIM, colour="red"),
+    "add_solid(frictoin) friction": lambda: tc.Scene().add_solid(tc.Sphere(1), frictoin=0.3, thickness=0.1),
+    "Appearance.__init__(colour) color": lambda: tc.Appearance(colour="red"),
+    "Fabric.__init__(densty) density": lambda: tc.Fabric(densty=0.1, stretch=tc.Stretch(1)),
+    "scaled(densty) density": lambda: DENIM.scaled(densty=2.0),
+    "load(scal) scale": lambda: tc.load("none.obj", scal=2.0),
+    "View.__init__(lights) light": lambda: tc.View(lights="sun"),
+}
+
+
+@pytest.mark.parametrize("what", CALLS)
+def test_the_nearest_keyword_is_suggested(what):
+    named, meant = what.split()
+    name, wrong = named.rstrip(")").split("(")
+    said = rf"{name}\(\) got an unexpected keyword argument '{wrong}'. Did you mean '{meant}'\?$"
+    with pytest.raises(TypeError, match=said):
+        CALLS[what]()
+
+
+@pytest.mark.parametrize("call, said", [
+    (lambda: tc.Scene().add_cloth(MESH, DENIM, layer=1), "It is one of tc.ClothContact$"),
+    (lambda: tc.Scene(wind=(1, 0, 0)), "It is one of tc.Air$")])
+def test_a_keyword_of_another_is_told_with_who_takes_it(call, said):
+    with pytest.raises(TypeError, match=said):
+        call()
+
+
+def test_other_errors_stay_as_they_are():
+    def inner(width: float = 1.0, height: float = 1.0) -> None:
+        raise TypeError(f"{inner.__qualname__}() got an unexpected keyword argument 'hight'")
+
+    suggests = keywords.suggesting(inner)
+    for options in ({"width": 2.0}, {}):  # the caller gave no such keyword: the error is one of what was called
+        with pytest.raises(TypeError, match="'hight'$"):
+            suggests(**options)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'qqqqqqq'$"):
+        tc.Scene().add_cloth(MESH, DENIM, qqqqqqq=1)
+
+
+def test_what_is_passed_on_is_named_by_what_refuses_it():
+    """`Recording.render` hands its options to `tc.render`."""
+    recording = object.__new__(tc.Recording)
+    with pytest.raises(TypeError, match=r"render\(\) got an unexpected keyword argument 'heatt'. Did you mean 'heat'\?"):
+        recording.render("a.png", heatt="stretch")
+
+
+def test_public_names_are_what_they_were():
+    assert list(inspect.signature(tc.Scene.add_cloth).parameters)[:3] == ["self", "mesh", "fabric"]
+    assert pickle.loads(pickle.dumps(tc.grid)) is tc.grid and isinstance(pickle.loads(pickle.dumps(DENIM)), tc.Fabric)
+    assert tc.grid is tc.grid and tc.Scene is tc.Scene
+
+
+def test_warnings_name_the_line_that_calls():
+    """However many functions of the package are in between."""
+    with pytest.warns(UserWarning, match="kept out of the simulation") as seen:
+        tc.TriMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]], [[0, 1, 2]])
+    assert [w.filename for w in seen] == [__file__]
+    with pytest.warns(UserWarning) as seen:
+        tc.Scene().add_cloth(tc.grid(500.0, 2), DENIM)
+    assert {w.filename for w in seen} == {__file__}
