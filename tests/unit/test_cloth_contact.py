@@ -649,7 +649,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
         again.resume(state)
         assert np.array_equal(end(again), whole)
         for name, other in (("kept.force", 0.0), ("adaptive_stiffness.scale", 1.0), ("shift.parts", 0.0),
-                            ("intersections.until", 0.0), ("intersections.firm", 1.0), ("intersections.rows", None)):
+                            ("intersections.until", 0.0), ("intersections.firm", 64.0), ("intersections.rows", None)):
             changed = {f"contacts.layers.{name}": other}
             if other is None:  # no crossing
                 changed = {f"contacts.layers.intersections.{part}": None for part in ("edges", "rows")}
