@@ -1,7 +1,7 @@
 """How steps in contact grow with the mesh: CPU seconds and CG iterations of a solve, memory, set-up, and their exponents.
 
-Each size runs in a process of its own on one thread, so that its memory and its CPU time are its own. Steps in which a kernel is
-built are left out of seconds. Memory is the peak, beside that of a process that has run the scene's smallest mesh.
+Each size runs in a process of its own on one thread, so that its memory and its CPU time are its own. Steps in which a kernel
+is built are left out of seconds. Memory is the peak, beside that of a process that has run the scene's smallest mesh.
 
     python scripts/bench_growth.py --cells 50 101 160 --until 0.3333 --json growth.json
     python scripts/bench_growth.py --scene sphere_drape --set itself=1 --cells 200 500 --until 0 --json setup.json
@@ -20,8 +20,8 @@ import results
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
 
-GROWING = {"solve_s": "a solve", "iterations": "CG iterations a solve", "iteration_s": "an iteration", "pairs": "pairs at most",
-           "setup_s": "set-up"}
+GROWING = {"solve_s": "a solve", "iterations": "CG iterations a solve", "iteration_s": "an iteration",
+           "pairs": "pairs at most", "setup_s": "set-up"}
 
 
 def peak() -> float:
@@ -55,7 +55,8 @@ def measured(name: str, settings: dict, cells: int, until: float, precision: str
     log, solves = [r for _, r in timed], max(sum(r.solves for _, r in plain), 1)
     wall = max(sum(r.seconds["total"] for _, r in plain), 1e-9)
     iterations, cg = sum(r.iterations for _, r in plain), sum(r.seconds["CG"] * s / r.seconds["total"] for s, r in plain)
-    return {"vertices": sim.vertex_count, "setup_s": setup, "steps": len(log), "rejected": sum(sum(r.rejections.values()) for r in log),
+    rejected = sum(sum(r.rejections.values()) for r in log)
+    return {"vertices": sim.vertex_count, "setup_s": setup, "steps": len(log), "rejected": rejected,
             "step_s": sum(s for s, _ in plain) / max(len(plain), 1), "solve_s": sum(s for s, _ in plain) / solves,
             "solves": solves / max(len(plain), 1), "iterations": iterations / solves, "iteration_s": cg / max(iterations, 1),
             "layers_share": sum(r.seconds["C-C"] for _, r in plain) / wall, "pairs": max((r.layers for r in log), default=0),
