@@ -10,7 +10,7 @@ TESTS = (SECOND, MEMORY, PLACED, DEALT, LAUNCHED)
 KERNELS, POOL, PLACEMENT, DEALING, ROWS, LAUNCHES, RUNTIME = (f"taichi_cloth/backend/{name}.py" for name in (
     "shared_kernels", "field_pool", "placement", "dealing", "rows", "launches", "runtime"))
 COMPILER = "taichi_cloth/backend/compiler.py"
-PAGES, FIELDS, MEMORY = "taichi_cloth/backend/pages.py", "taichi_cloth/backend/fields.py", "tests/unit/test_memory.py"
+PAGES, FIELDS = "taichi_cloth/backend/pages.py", "taichi_cloth/backend/fields.py"
 ENVIRONMENT, COMPILERS = "tests/unit/test_environment.py", "tests/unit/test_compiler.py"
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
