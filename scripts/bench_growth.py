@@ -1,7 +1,8 @@
 """How steps in contact grow with the mesh: CPU seconds and CG iterations of a solve, memory, set-up, and their exponents.
 
 Each size runs in a process of its own on one thread, so that its memory and its CPU time are its own. Steps in which a kernel
-is built are left out of seconds. Memory is the peak, beside that of a process that has run the scene's smallest mesh.
+is built are left out of seconds. The serial part is the CPU time of the thread that launches kernels, which no other shares.
+Memory is the peak, beside that of a process that has run the scene's smallest mesh.
 
     python scripts/bench_growth.py --cells 50 101 160 --until 0.3333 --json growth.json
     python scripts/bench_growth.py --scene sphere_drape --set itself=1 --cells 200 500 --until 0 --json setup.json
@@ -44,14 +45,17 @@ def measured(name: str, settings: dict, cells: int, until: float, precision: str
     before, start = peak(), time.process_time()
     sim = simulation(name, settings, cells, precision)
     setup = time.process_time() - start
-    timed = []
+    timed, serial = [], []
     while sim.time < until - 1e-9:
-        start = time.process_time()
+        start, own = time.process_time(), time.thread_time()
         record = sim.step()
         timed.append((time.process_time() - start, record))
+        serial.append(time.thread_time() - own)
         if sys.stderr.isatty():
             print(f"{record.t:.4f} s, {record.solves} solves, {timed[-1][0]:.1f} s", file=sys.stderr, flush=True)
-    plain = [(s, r) for s, r in timed if not r.seconds["compiling"] and r.layers + r.contacts]
+    counts = [not r.seconds["compiling"] and r.layers + r.contacts > 0 for _, r in timed]
+    plain = [both for both, counted in zip(timed, counts) if counted]
+    alone = sum(s for s, counted in zip(serial, counts) if counted)
     log, solves = [r for _, r in timed], max(sum(r.solves for _, r in plain), 1)
     wall = max(sum(r.seconds["total"] for _, r in plain), 1e-9)
     iterations, cg = sum(r.iterations for _, r in plain), sum(r.seconds["CG"] * s / r.seconds["total"] for s, r in plain)
@@ -59,6 +63,7 @@ def measured(name: str, settings: dict, cells: int, until: float, precision: str
     return {"vertices": sim.vertex_count, "setup_s": setup, "steps": len(log), "rejected": rejected,
             "step_s": sum(s for s, _ in plain) / max(len(plain), 1), "solve_s": sum(s for s, _ in plain) / solves,
             "solves": solves / max(len(plain), 1), "iterations": iterations / solves, "iteration_s": cg / max(iterations, 1),
+            "serial_part": alone / max(sum(s for s, _ in plain), 1e-9),
             "layers_share": sum(r.seconds["C-C"] for _, r in plain) / wall, "pairs": max((r.layers for r in log), default=0),
             "memory_mb": peak() - before, "bytes_a_vertex": 1e6 * (peak() - before) / sim.vertex_count}
 
