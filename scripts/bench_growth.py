@@ -51,8 +51,7 @@ def measured(name: str, settings: dict, cells: int, until: float, precision: str
         record = sim.step()
         timed.append((time.process_time() - start, record))
         serial.append(time.thread_time() - own)
-        if sys.stderr.isatty():
-            print(f"{record.t:.4f} s, {record.solves} solves, {timed[-1][0]:.1f} s", file=sys.stderr, flush=True)
+        print(f"{record.t:.4f} s: {record.solves} solves, {timed[-1][0]:.1f} s, {peak() - before:.0f} MB", file=sys.stderr)
     counts = [not r.seconds["compiling"] and r.layers + r.contacts > 0 for _, r in timed]
     plain = [both for both, counted in zip(timed, counts) if counted]
     alone = sum(s for s, counted in zip(serial, counts) if counted)
