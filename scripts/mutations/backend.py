@@ -10,6 +10,7 @@ TESTS = (SECOND, MEMORY, PLACED, DEALT, LAUNCHED)
 KERNELS, POOL, PLACEMENT, DEALING, ROWS, LAUNCHES, RUNTIME = (f"taichi_cloth/backend/{name}.py" for name in (
     "shared_kernels", "field_pool", "placement", "dealing", "rows", "launches", "runtime"))
 COMPILER = "taichi_cloth/backend/compiler.py"
+PAGES, FIELDS = "taichi_cloth/backend/pages.py", "taichi_cloth/backend/fields.py"
 ENVIRONMENT, COMPILERS = "tests/unit/test_environment.py", "tests/unit/test_compiler.py"
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
@@ -32,8 +33,16 @@ MUTATIONS = (
      "what plain Python reads does not count", SHARED),
     (KERNELS, "if token is None:\n            self.whole = False", "if token is None:\n            self.whole = True",
      "what cannot be compared does not count", SHARED),
-    (POOL, "share.slot.numbers[...] = 0", "pass", "fields come again with what they held",
+    (POOL, "pages.clear(share.slot.numbers)", "pass", "fields come again with what they held",
      f"{SECOND}::test_fields_come_again_and_are_zero"),
+    (PAGES, "    flat[:begin], flat[begin + size:] = 0, 0\n", "", "numbers on the first and last page stay",
+     f"{MEMORY}::test_numbers_are_cleared_to_their_ends"),
+    (FIELDS, "                pages.clear(slot.numbers)\n", "                pass\n", "rows that nobody uses take memory",
+     f"{MEMORY}::test_rows_without_numbers_take_no_memory"),
+    (FIELDS, "        self._write([filled for filled in self._reals + self._integers if filled.field.share.slot in new])\n",
+     "",
+     "fields that are allocated early stay empty",
+     f"{MEMORY}::test_many_fields_are_allocated_and_filled_before_the_last_is_declared"),
     (POOL, "            holder.swapped_out, lease.swapped_out = numbers[: holder.field.rows].copy(), True\n",
      "            pass\n", "numbers of an open simulation are lost", OPEN),
     (LAUNCHES, "        swap_in(shares)\n        context", "        context",

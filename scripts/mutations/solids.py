@@ -208,6 +208,8 @@ MUTATIONS = (
     (NEARBY, "off = 2 * (self.model.x_saved[i] - self.known_start[i]).norm() + ", "off = ",
      "candidates serve paths that begin elsewhere", SWEPT),
     (NEARBY, "self.range[solid] + self.skin[0]", "self.range[solid]", "candidates are those of one path", SWEPT),
+    (NEARBY, "everything = self._device or bool(", "everything = bool(", "rows on a device are joined by the host",
+     "tests/unit/test_device_layout.py::test_steps_are_the_same[propped]"),
     (NEARBY, "out[k] = 1 - self.has_moved(rows[k, 0])", "out[k] = 0", "candidates of what has not moved are dropped", SWEPT),
     (NEARBY, "everything = self._refits != self.tree.refits", "everything = self._refits == 0",
      "candidates last when solids move", SWEPT),

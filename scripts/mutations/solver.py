@@ -95,6 +95,8 @@ MUTATIONS = (
      "tests/unit/test_phases.py"),
     ("taichi_cloth/backend/phases.py", "A_ROW * rows", "LEAVES", "who waits for a large block leaves as for a small one",
      "tests/unit/test_phases.py"),
+    (PCG, "total += self.r[i].norm_sqr()", "total += self.r[i].norm()", "the residual that a solve leaves is another",
+     "tests/unit/test_counting.py::test_what_a_solve_leaves_is_summed_up_by_a_kernel"),
     (PCG, "            self.dv[i] = self.translation()", "            self.dv[i] = 0 * self.translation()",
      "free cloth begins at rest",
      "tests/unit/test_integrators.py::test_free_fall_is_exact tests/physics/test_closed_forms.py"),

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from . import compiler, launches, taichi_patches
+from . import compiler, launches, pages, taichi_patches
 from .language import ti
 
 get_addr, to_numpy_type = compiler.private("lang.snode:get_addr", "lang.util:to_numpy_type")
@@ -183,7 +183,7 @@ class Lease:
         """All of it is allocated: fields that others had are zero, and new ones are in the pool from now on, in use."""
         for share in self._taken:
             share.swap_in()
-            share.slot.numbers[...] = 0
+            pages.clear(share.slot.numbers)
         if self.pooled:
             for tree in self.trees:
                 _trees.append(tree)

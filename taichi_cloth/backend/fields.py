@@ -5,21 +5,23 @@ import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
+from typing import Any
 
 import numpy as np
 
-from . import field_pool, runtime
+from . import field_pool, pages, runtime
 from .language import ti
 from .rows import capacity, fill, in_reach, write
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
+TREE = 1 << 24  # numbers of a tree of fields: one that is new is all in memory for a moment
 
 
 @dataclass
 class Filled:
     """A field of rows and the values (n, width) that fill them."""
 
-    field: object
+    field: Any
     width: int
     data: np.ndarray
 
@@ -43,6 +45,7 @@ class Fields:
         self._lease = field_pool.Lease(pooled and in_reach() and not exact)
         self._maker = sys._getframe(1).f_code  # places of declarations are told from there on
         self._builder = None  # of new fields
+        self._waiting = 0  # numbers of these
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
         self._later: list[Fields] = []
@@ -83,15 +86,37 @@ class Fields:
 
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
-        self._finalize()
+        self._plant()
         self._lease.keep()
         weakref.finalize(self, self._lease.leave).atexit = False
         if in_reach():
-            for filled in self._reals + self._integers:  # a kernel for it would be compiled for each set of fields
-                write(filled.field, filled.data)
+            self._write(self._reals + self._integers)
         else:
             self._fill()
         self._reals, self._integers = [], []
+
+    def _plant(self) -> list:
+        """Allocates those that are new so far; returns their slots. Their pages take no memory until something is written."""
+        if self._builder is None:
+            return []
+        self._finalize()
+        slots = self._lease.trees[-1].slots
+        if in_reach():
+            for slot in slots:
+                pages.clear(slot.numbers)
+        return slots
+
+    def _write(self, those: list[Filled]) -> None:
+        """Fills fields where they lie: a kernel for it would be compiled for each set of fields."""
+        for filled in those:
+            write(filled.field, filled.data)
+
+    def _plant_and_fill(self) -> None:
+        """Allocates those that are new so far and fills them, so that their data can go."""
+        new = self._plant()
+        self._write([filled for filled in self._reals + self._integers if filled.field.share.slot in new])
+        self._reals, self._integers = ([filled for filled in waiting if filled.field.share.slot not in new]
+                                       for waiting in (self._reals, self._integers))
 
     def free(self) -> None:
         """Gives the fields to the pool or their memory to the system, also of fields that were declared and never
@@ -108,7 +133,7 @@ class Fields:
     def _finalize(self) -> None:
         if self._builder is not None:
             self._lease.planted(self._builder.finalize(raise_warning=False))
-            self._builder = None
+            self._builder, self._waiting = None, 0
 
     def _declare(self, n: int, width: int, dtype, data: np.ndarray | None, filled: list[Filled]):
         def make():
@@ -116,6 +141,7 @@ class Fields:
             if self._builder is None:
                 self._builder = ti.FieldsBuilder()
             self._builder.dense(ti.i, self.room(n)).place(field)
+            self._waiting += self.room(n) * width
             return field
 
         field = self._next(n, (str(dtype), width), make)
@@ -124,6 +150,8 @@ class Fields:
             if data.size != n * width:
                 raise ValueError(f"field of {n} x {width} cannot be filled from shape {data.shape}")
             filled.append(Filled(field, width, data.reshape(n, width)))
+        if self._waiting > TREE and in_reach():
+            self._plant_and_fill()
         return field
 
     def _next(self, n: int, kind: tuple[str, int], make: Callable):

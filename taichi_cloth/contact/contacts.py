@@ -1,5 +1,6 @@
 """Interface of contact to a step: constrained particles, contact forces, test of convergence, checkpoints."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -127,12 +128,12 @@ class Contacts(Checkpointed):
         self.crowded = not self.force.set(ContactRows.join(points))
         return not self.crowded
 
-    def judge(self, reaction: np.ndarray, inertia: np.ndarray, left: float = 0.0) -> bool:
+    def judge(self, reaction: np.ndarray, inertia: Callable[[np.ndarray], np.ndarray], left: float = 0.0) -> bool:
         """Assesses the contacts of a linear solve. Returns whether they agree with its solution.
 
         Args:
             reaction: (k, 3) [N s] on the held particles, in `constrain`'s order.
-            inertia: (n,) as `System.inertia`, of the system that was solved.
+            inertia: `System.inertia` of the system that was solved.
             left: norm [N s] of that solve's residual, where it is not to be made smaller: contacts need not be more exact
                 than that.
         """
@@ -140,7 +141,7 @@ class Contacts(Checkpointed):
         self.rounds += 1
         solids.look()
         solids.record_forces(reaction, self.base[0])
-        balance.inertia = balance.unrubbed(inertia)
+        balance.inertia = balance.unrubbed(inertia(balance.near))
         self.found = balance.assess_linear(solids.near.end_velocities, reaction, self.base[0])
         others = solids.wanting() + int(solids.pinches.possible and solids.pinches.lags(self.start, solids.near.end_positions))
         r = self.found.residual

@@ -89,7 +89,10 @@ class ContactRows:
 
     @staticmethod
     def join(parts: Sequence["ContactRows"]) -> "ContactRows":
-        """Points one after the other."""
+        """Points one after the other; the only ones that there are as they are."""
+        some = [p for p in parts if len(p.rhs)]
+        if len(some) == 1:
+            return some[0]
         vertices, weights, block, rhs = (np.concatenate([getattr(p, name) for p in parts])
                                          for name in ("vertices", "weights", "block", "rhs"))
         if all(p.rotation_coupling is None for p in parts):

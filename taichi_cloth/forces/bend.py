@@ -54,7 +54,8 @@ class Bend(HingeLaw):
         self.yields, self.creased = bool(self.has_extra_torque and self.hysteresis.yields), bool(scene.creases)
         self.host_arc = np.concatenate([h.areas.sum(axis=1) / np.sqrt(h.length2) for _, h in parts])
         self.host_whole = np.ones(len(rest), dtype=bool)
-        self._rest, self._sewn = rest, (scene, [(of, h) for of, (_, h) in zip(sewn, parts)])
+        self._rest: Any = rest if scene.seams else None
+        self._sewn: Any = (scene, [(of, h) for of, (_, h) in zip(sewn, parts)]) if scene.seams else None
 
     @ti.func
     def way(self, e):

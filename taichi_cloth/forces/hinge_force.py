@@ -42,7 +42,7 @@ class HingeForce(Force):
         """
         self.elements, self._fields = Elements(fields, self.model.blocks, vertices), fields
         self.host_stiff = stiff
-        self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for h in parts])
+        self.host_hinges, self.host_turns = vertices.astype(np.int32), np.concatenate([flat_turns(h) for h in parts])
         self.damps |= bool(rest[:, 1].any())
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for h in parts])

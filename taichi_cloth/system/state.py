@@ -102,7 +102,7 @@ class Elements:
 
     def __init__(self, fields: Fields, blocks: Blocks, vertices: np.ndarray) -> None:
         self.entries: Entries = partition(vertices, blocks.bounds)
-        self.host_vertices = vertices[self.entries.element]
+        self.host_vertices = vertices[self.entries.element].astype(np.int32)
         self.count = len(self.entries.element)
         self.first = fields.integer(blocks.count + 1, data=self.entries.first)
         self.shared = fields.integer(blocks.count, data=self.entries.shared)

@@ -19,6 +19,7 @@ BENCHES = {
     "bench_scaling": ["--sizes", "9", "13", "--steps", "1", "--threads", "1", "2"],
     "count_launches": ["--scenes", "hang cells=8", "--begin", "0", "--steps", "1", "--kernels", "3"],
     "bench_contact": ["--cells", "8", "--scenes", "sphere_drape", "--until", "0.05", "--rounds", "1"],
+    "bench_growth": ["--cells", "6", "8", "--until", "0.05"],
     "bench_layers": ["--scenes", "fold", "--until", "0.05", "--cells", "6", "--drape", "8", "--rounds", "1"],
     "study_cg_tol": ["--scenes", "swing", "--tolerances", "1e-1", "1e-3", "--until", "0.1"],
     "study_impacts": ["--scenes", "sheets", "--steps", "60", "--parts", "4", "--tolerances", "1e-2", "--fine", "0.01",

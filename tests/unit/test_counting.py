@@ -114,3 +114,27 @@ def test_a_solve_on_a_device_waits_every_eight_iterations(monkeypatch):
     assert took["device"] == took["cpu"] and took["cpu"] % 8  # so that some that are launched have nothing to do
     assert looks == math.ceil(solution.iterations / 8) and counts.kernels["PCG._step"] == 8 * looks
     assert counts.kernels["PCG._check"] == 1 and counts.with_arrays == 0 and counts.waits == looks
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", ["cpu", "device"])
+def test_what_a_solve_leaves_is_summed_up_by_a_kernel(monkeypatch, layout):
+    """The host gets one number. NumPy's norm of all of it would wake threads of BLAS, which go on spinning."""
+    monkeypatch.setenv(runtime.LAYOUT, layout)
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(1.0, 9), tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(5e-5)))
+    scene.pin(cloth, ["top_left", "top_right"])
+    sim = tc.Simulation(scene, h=1 / 100, cg_tol=1e-3, integrator="backward_euler")
+    sim.step()
+    system = sim.integrator.system
+    with counted() as counts:
+        left = system.left_undone()
+    assert (counts.reads, counts.with_arrays, counts.waits) == (0, 0, 1)
+    assert left == pytest.approx(math.sqrt(np.sum(read(system.solver.r) ** 2)), rel=1e-12) and left > 0
+    some, mass, P = np.array([3, 40, 7]), sim.model.mass, read(system.operator.P)
+    with counted() as counts:
+        inertia = system.inertia(some)
+    assert (counts.reads, counts.waits, counts.size) == (1, 1, 3 * 6 * 8)
+    assert (inertia[some] == P[some][:, [0, 3, 5]].sum(axis=1) / 3).all() and (inertia[some] > 1.1 * mass[some]).all()
+    assert (np.delete(inertia, some) == np.delete(mass, some)).all() and (system.inertia(some[:0]) == mass).all()
+    sim.close()

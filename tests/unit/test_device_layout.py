@@ -43,7 +43,15 @@ def layered() -> tc.Scene:
     return scene
 
 
-CASES = {"thrown": (thrown, 2), "blown": (blown, 1), "layered": (layered, 3)}
+def propped() -> tc.Scene:
+    """A sheet that lies on edges and corners of a box."""
+    mesh, scene = tc.grid(0.4, 8), tc.Scene()
+    scene.add_cloth(mesh, FABRIC, mesh.x + [-0.21, 0.106, 0.19])
+    scene.add_solid(tc.Box((0.2, 0.2, 0.2)), friction=0.3, thickness=0.005)
+    return scene
+
+
+CASES = {"thrown": (thrown, 2), "blown": (blown, 1), "layered": (layered, 3), "propped": (propped, 5)}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -62,6 +70,30 @@ def test_steps_are_the_same(monkeypatch, case):
     (x, v, told), (x_d, v_d, told_d) = out["cpu"], out["device"]
     assert told == told_d
     assert np.abs(x - x_d).max() < 1e-12 and np.abs(v - v_d).max() < 1e-10
+
+
+@pytest.mark.slow
+def test_pairs_with_edges_of_solids_are_looked_for_in_one_wait(monkeypatch):
+    """Rows stay on a device, in as much room as they need; the host asks whether anything moved, and gets the pairs."""
+    out = {}
+    for layout in ("cpu", "device"):
+        monkeypatch.setenv(runtime.LAYOUT, layout)
+        sim = tc.Simulation(propped(), h=1 / 100, cg_tol=1e-13, integrator="backward_euler")
+        for _ in range(4):
+            sim.step()
+        solids = sim.contacts.detector
+        near = solids.pairs.near
+        near.forget()
+        near._room = near._array(3, 2)
+        out[layout] = solids.find_pairs()
+        assert near._room.shape[0] > 3
+        with counted() as counts:
+            again = solids.find_pairs()
+        assert (counts.waits, counts.arrays) == (3, 2 if layout == "device" else 4)
+        assert (again.key == out[layout].key).all() and (again.distance == out[layout].distance).all()
+        sim.close()
+    assert len(out["cpu"].key) > 10 and (out["cpu"].key == out["device"].key).all()
+    assert np.abs(out["cpu"].distance - out["device"].distance).max() < 1e-12
 
 
 def drawn() -> tc.Scene:

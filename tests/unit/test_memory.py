@@ -1,6 +1,8 @@
 """Fields go back when nobody has what they were made for, closed or not: simulations and pictures made again take no more."""
 
+import ctypes
 import gc
+import mmap
 import pathlib
 import subprocess
 import sys
@@ -10,7 +12,8 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.backend import compiler, field_pool, runtime
+from taichi_cloth.backend import compiler, field_pool, pages, rows, runtime
+from taichi_cloth.backend import fields as fields_module
 from taichi_cloth.backend.fields import Fields
 
 pytestmark = pytest.mark.restarts
@@ -88,7 +91,9 @@ def test_fields_that_no_other_may_have_go_too():
 
 
 RESTARTS = """
+import ctypes
 import gc
+import mmap
 import pathlib
 import subprocess
 import sys
@@ -128,3 +133,48 @@ def test_another_precision_leaves_no_threads_and_no_memory(tmp_path):
     assert done.stdout.splitlines()[-1] == "[]"  # threads of Python's
     assert len(threads) == 8 and (threads[1:] == threads[1]).all()
     assert kilobytes[-1] - kilobytes[2] < 5 * 2000
+
+
+def in_memory(numbers: np.ndarray) -> int:
+    """Bytes of the pages of numbers that are in memory."""
+    first = numbers.ctypes.data // mmap.PAGESIZE * mmap.PAGESIZE
+    size = numbers.ctypes.data + numbers.nbytes - first
+    flags = (ctypes.c_ubyte * (size // mmap.PAGESIZE + 1))()
+    assert ctypes.CDLL(None).mincore(ctypes.c_void_p(first), ctypes.c_size_t(size), flags) == 0
+    return sum(flag & 1 for flag in flags) * mmap.PAGESIZE
+
+
+@pytest.mark.skipif(not pages.GIVES_BACK, reason="pages are given back on Linux")
+def test_rows_without_numbers_take_no_memory():
+    runtime.start("cpu", "f64")
+    fields, n = Fields(np.float64), (1 << 18) + 1
+    few, none = fields.real(n, 6, np.ones((n, 6))), fields.real(n, 6)
+    fields.allocate()
+    used, edges = n * 6 * 8, 4 * mmap.PAGESIZE
+    assert fields.room(n) * 6 * 8 > 1.9 * used
+    assert used <= in_memory(rows.numbers(few)) <= used + edges and in_memory(rows.numbers(none)) <= edges
+    assert (rows.numbers(few)[:n] == 1).all() and not rows.numbers(few)[n:].any() and not rows.numbers(none).any()
+    rows.numbers(none)[...] = 2
+    assert in_memory(rows.numbers(none)) >= rows.numbers(none).nbytes and (rows.numbers(none) == 2).all()
+    fields.free()
+
+
+def test_numbers_are_cleared_to_their_ends():
+    numbers = np.ones((1 << 15) + 5)
+    assert pages.clear(numbers[3:-2]) == 0 if not pages.GIVES_BACK else 0 < pages.clear(numbers[3:-2]) < 8 * (1 << 15)
+    assert (numbers[:3] == 1).all() and (numbers[-2:] == 1).all() and not numbers[3:-2].any()
+
+
+def test_many_fields_are_allocated_and_filled_before_the_last_is_declared(monkeypatch):
+    runtime.start("cpu", "f64")
+    monkeypatch.setattr(fields_module, "TREE", 60_000)
+    fields = Fields(np.float64, pooled=True)
+    data = np.random.default_rng(5).normal(size=(1000, 3))
+    made = [fields.real(1000, 3, k + data) for k in range(5)] + [fields.integer(1000, 3, 10 * data + k) for k in range(4)]
+    assert len(fields._lease.trees) == 4 and len(fields._reals + fields._integers) == 1
+    fields.allocate()
+    for k in range(5):
+        assert (rows.read(made[k]) == k + data).all()
+    for k in range(4):
+        assert (rows.read(made[5 + k]) == (10 * data + k).astype(np.int32)).all()
+    fields.free()

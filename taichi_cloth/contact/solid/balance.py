@@ -120,6 +120,11 @@ class Balance:
         self.solids.sliding = Sliding(slides, ContactRows.at(f.index, start.c / start.h * block, push))
         return self.solids.sliding.points
 
+    @property
+    def near(self) -> np.ndarray:
+        """Particles (k,) that contacts were found of, or that have some in the last solve."""
+        return np.union1d(self.solids.near.vertices.index, self.f.index)
+
     def unrubbed(self, inertia: np.ndarray) -> np.ndarray:
         """`System.inertia` (n,) [kg] of the system that was last solved, without the friction of sliding contacts in it."""
         points = self.solids.sliding.points

@@ -9,9 +9,12 @@ cloth that slides a long way along an edge, or turns, in one step can still slip
 behind is not accepted while it can be made smaller.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...backend.bvh import LEAF
+from ...backend.device_arrays import array
 from ...backend.fields import Fields
 from ...backend.language import ti
 from ...backend.rows import read
@@ -64,10 +67,10 @@ class PairCandidates:
         self.skin = fields.real(1, data=np.array([SKIN * min(s.thickness for _, s in tree.solids)]))
         self.known_start, self.known_end = fields.real(model.n, 3), fields.real(model.n, 3)  # paths of the traversal
         self.moved, self._far = fields.integer(model.n), fields.integer(1)  # whether a particle's path has left them; how many
-        self.rows: np.ndarray = np.zeros((0, 2), dtype=np.int32)
+        self.rows: Any = np.zeros((0, 2), dtype=np.int32)
         self._refits = 0  # of the tree, when it was traversed
-        self._room: np.ndarray = np.zeros((1024, 2), dtype=np.int32)
-        self._count: np.ndarray = np.zeros(1, dtype=np.int32)
+        self._device = for_device()  # where rows stay, and all are looked for at once
+        self._room, self._count = self._array(1024, 2), self._array(1)
 
     @property
     def faces_host(self) -> np.ndarray:
@@ -76,14 +79,19 @@ class PairCandidates:
             self._faces_host = read(self.faces)
         return self._faces_host
 
-    def cover(self) -> np.ndarray:
-        """(k, 2) rows that hold every pair which comes within range on the paths that the model now has."""
+    def _array(self, *shape: int) -> Any:
+        """Of whole numbers, where kernels write them."""
+        return array(np.int32, *shape) if self._device else np.zeros(shape, dtype=np.int32)
+
+    def cover(self) -> Any:
+        """(k, 2) rows that hold every pair which comes within range on the paths that the model now has; those with a face
+        below 0 are none."""
         everything = self._refits != self.tree.refits
         if not everything:
             count = self._find_moved()
             if not count:
                 return self.rows
-            everything = bool(count > MOST * self.model.n)
+            everything = self._device or bool(count > MOST * self.model.n)
         self._take_paths(int(everything))
         found = self._look_for()
         if not everything and len(self.rows):
@@ -97,15 +105,16 @@ class PairCandidates:
         """All pairs are looked for when they are next asked for."""
         self._refits = 0
 
-    def _look_for(self) -> np.ndarray:
-        """(k, 2) pairs with particles that have moved."""
+    def _look_for(self) -> Any:
+        """(k, 2) pairs with particles that have moved. The host of a device waits for their number."""
         while True:
-            self._count[0] = 0
-            self._walk(self._count, self._room)
-            found = int(self._count[0])
-            if found <= len(self._room):
-                return self._room[:found].copy()
-            self._room = np.zeros((3 * found // 2, 2), dtype=np.int32)
+            found = int(self._walk(self._count, self._room))
+            if found <= self._room.shape[0]:
+                break
+            self._room = self._array(3 * found // 2, 2)
+        if not self._device:
+            return self._room[:found].copy()
+        return self._room if found else np.zeros((0, 2), dtype=np.int32)
 
     @ti.kernel
     def _find_moved(self) -> int:
@@ -140,7 +149,12 @@ class PairCandidates:
         return ti.max(self.moved[v[0]], self.moved[v[1]], self.moved[v[2]])
 
     @ti.kernel
-    def _walk(self, count: ti.types.ndarray(), rows: ti.types.ndarray()):
+    def _walk(self, count: ti.types.ndarray(), rows: ti.types.ndarray()) -> int:
+        """Writes rows down; returns how many there are."""
+        count[0] = 0
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for k in range(rows.shape[0]):
+            rows[k, 0] = -1
         for f in range(self.size[0]):
             if self.has_moved(f) == 1:
                 v = self.faces[f]
@@ -163,6 +177,7 @@ class PairCandidates:
                     node = self.tree.boxes.following(node)
                     if node == 1:
                         break
+        return count[0]
 
     @ti.func
     def add(self, f, t, count: ti.template(), rows: ti.template()):
@@ -229,7 +244,7 @@ class PairDetector:
         candidates = self.near.cover()
         while True:
             self._found[0] = 0
-            if len(candidates):
+            if candidates.shape[0]:
                 self._find(poses, candidates, self._found, self.rows)
             if self._found[0] <= len(self.rows):
                 break
@@ -248,8 +263,9 @@ class PairDetector:
     def _find(self, poses: ti.types.ndarray(), candidates: ti.types.ndarray(), found: ti.types.ndarray(),
               rows: ti.types.ndarray()):
         for c in range(candidates.shape[0]):
-            kind, k, shift = which(candidates[c, 1] % PAIRS)
-            self.test(kind, candidates[c, 0], candidates[c, 1] // PAIRS, k, shift, poses, found, rows)
+            if candidates[c, 0] >= 0:
+                kind, k, shift = which(candidates[c, 1] % PAIRS)
+                self.test(kind, candidates[c, 0], candidates[c, 1] // PAIRS, k, shift, poses, found, rows)
 
     @ti.func
     def test(self, kind, f, t, k, shift, poses: ti.template(), found: ti.template(), rows: ti.template()):

@@ -162,7 +162,7 @@ class SolidCollisionDetector:
         if self.pairs is not None:
             self.model.save()
             self.set_time(self.time, 0.0)
-            pairs = self.pairs.find(self.poses)
+            pairs = self.pairs.find(self._mirror.of(self.poses))
             self.thickness_ramp.begin(pairs.vertices, self.part_of(pairs))
 
     def set_time(self, t: float, h: float) -> None:
@@ -234,7 +234,7 @@ class SolidCollisionDetector:
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""
-        return self.pairs.find(self.poses) if self.pairs is not None else None
+        return self.pairs.find(self._mirror.of(self.poses)) if self.pairs is not None else None
 
 
 def _pokes(solid: Solid, edge: float) -> bool:

@@ -108,7 +108,7 @@ class LayerStep(EulerStep):
             self.system.settle(self.held)
         with self.clock.part("C-S"):
             left = 0.0 if self.preliminary else self.system.left_undone()
-            self.agrees = self.contacts.judge(self.system.reaction_rows(), self.system.inertia(), left)
+            self.agrees = self.contacts.judge(self.system.reaction_rows(), self.system.inertia, left)
             self.layers.record_forces()
             return self.layers.advance()
 

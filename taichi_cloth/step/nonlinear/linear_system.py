@@ -182,11 +182,15 @@ class System:
             self._relaxation = ProximalGradient(self._fields, self.solver)
         return self._relaxation
 
-    def inertia(self) -> np.ndarray:
-        """(n,) a third of the trace of each particle's block of A as linearized [kg]: its mass and h^2 times the stiffness
-        around it. Friction that is in A counts too: where it is asked for, A is without."""
-        P = read(self.operator.P).astype(np.float64)
-        return np.maximum((P[:, 0] + P[:, 3] + P[:, 5]) / 3, self.model.mass)
+    def inertia(self, of: np.ndarray) -> np.ndarray:
+        """(n,) a third of the trace of the block of A as linearized [kg] of particles `of` (k,): their mass and h^2 times the
+        stiffness around them. Of others their mass. Friction that is in A counts too: where it is asked for, A is without."""
+        out = self.model.mass.copy()
+        if not len(of):
+            return out
+        P = read(self.operator.P, of).astype(np.float64, copy=False)
+        out[of] = np.maximum((P[:, 0] + P[:, 3] + P[:, 5]) / 3, out[of])
+        return out
 
     def _leave_out(self, part: bool) -> None:
         """Sets whether terms of forces that may be indefinite are left out of the next linearization."""
@@ -283,7 +287,7 @@ class System:
 
     def left_undone(self) -> float:
         """Norm [N s] of b - A dv of the last solve, without directions that are held."""
-        return float(np.linalg.norm(read(self.solver.r)))
+        return self.solver.left()
 
     def tension(self) -> np.ndarray:
         """(n, 3) impulse [N s] that seams put on particles in the last solve; over particles sewn together it sums to zero."""

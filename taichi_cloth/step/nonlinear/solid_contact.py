@@ -88,7 +88,7 @@ class SolidStep(EulerStep):
     def agrees(self) -> bool:
         """Whether contacts agree with the last solve."""
         with self.clock.part("C-S"):
-            return self.system.contacts.judge(self.system.reaction_rows(), self.system.inertia())
+            return self.system.contacts.judge(self.system.reaction_rows(), self.system.inertia)
 
     def finish_solve(self) -> Outcome | None:
         """Goes on from the last rough solve to `cg_tol`; both count as one solve."""

@@ -150,7 +150,7 @@ class SolvedStep(StepProblem):
             measures, self.lacks, balance_reaction = forces_at_end(system, self.c, self.held, self.over)
             solids.sliding = Sliding()  # as it is linearized
         with self.clock.part("C-S"):
-            self.balance.inertia, holding = system.inertia(), solids.active.holding
+            self.balance.inertia, holding = system.inertia(self.balance.near), solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.solve_impulses, holding.forces(
                 solids.active.contacts, balance_reaction), self.enough, self.agreed, fixed=self.balance.k >= MET)
         return measures
