@@ -11,6 +11,7 @@ import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
+from taichi_cloth.backend.rows import write
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.contact_pairs import AdaptiveStiffness, EndedPairs
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
@@ -151,7 +152,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, monkeypatch, precision, l
     d = detector(scene, precision)
     every = Truth(scene, d)
     shifts = shifted * rng.choice([0.5, 1.0], size=d.model.n)
-    d.mesh.set_shifts(shifts)
+    write(d.mesh.shifts, shifts.astype(d.exchange))
     d.paths.begin()
     d.cover()
     x, small = d.model.read_particles()[0].astype(float), 1e-12 if precision == "f64" else 1e-6

@@ -116,10 +116,6 @@ class CollisionMesh:
             part += 0.5 * ti.abs(w[a]) * self.shifts[v[a]]
         return part
 
-    def set_shifts(self, shifts: np.ndarray) -> None:
-        """Sets how much further away than their distance pairs of particles (n,) begin to repel, in parts of it."""
-        write(self.shifts, shifts.astype(self.exchange))
-
     def set_cluster_ids(self, cluster_ids: np.ndarray) -> None:
         """Sets the particles that are sewn together from now on."""
         self.cluster_ids = cluster_ids

@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from ...backend.rows import write
 from ...system.checkpoint import Checkpointed
 from ..points import ContactRows, rows_of, tangential
 from ..solid.pairs import SOFTER, STIFFER
 from .barrier import FLOOR, MOST_SHIFT
-from .collision_mesh import CollisionMesh
 from .pair_kernels import AT, BEARS, CONE, DRAG, FORCE, GAP, OFFSET, SLOPE, TAKEN, WAY
 
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again. With .3 for both a
@@ -229,7 +230,7 @@ class PenaltyShift(Checkpointed):
     k s tends to the load, and d to r [Hestenes 1969; Powell 1969]. s is bounded: where solids leave no room, d stays less.
 
     Args:
-        n: particles; mesh: of the cloth that meets cloth.
+        field: of a number for each of n particles, that kernels read; exchange: type of arrays for it.
 
     Attributes:
         parts: (n,) of the distance that pairs keep.
@@ -237,8 +238,8 @@ class PenaltyShift(Checkpointed):
 
     STATE = ("parts",)
 
-    def __init__(self, n: int, mesh: CollisionMesh) -> None:
-        self.mesh, self.parts = mesh, np.zeros(n)
+    def __init__(self, field: Any, n: int, exchange: type) -> None:
+        self.field, self.exchange, self.parts = field, exchange, np.zeros(n)
 
     def commit(self, room: np.ndarray, share: float) -> None:
         """A step, so much of a usual one, was accepted and ended with that `ContactPairs.least_room` (n,)."""
@@ -252,10 +253,10 @@ class PenaltyShift(Checkpointed):
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
-        self.mesh.set_shifts(self.parts)
+        write(self.field, self.parts.astype(self.exchange))
 
     def _set(self, parts: np.ndarray) -> None:
         """Nothing is handed over where nothing changes."""
         if not np.array_equal(parts, self.parts):
             self.parts = parts
-            self.mesh.set_shifts(parts)
+            self.resumed()

@@ -77,7 +77,7 @@ class Layers(Checkpointed):
                              for c in scene.cloths])
         self.calls = d.calls = pair_calls(self.kind(fields, model, d.mesh, np.sqrt(mu)[model.user]), fields.exchange)
         self.gravity = scene.gravity
-        self.adaptive_stiffness, self.shift = AdaptiveStiffness(model.n), PenaltyShift(model.n, d.mesh)
+        self.adaptive_stiffness, self.shift = AdaptiveStiffness(model.n), PenaltyShift(d.mesh.shifts, model.n, fields.exchange)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.opened_seams: Any = None
         if model.sewn is not None:
