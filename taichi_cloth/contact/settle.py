@@ -8,7 +8,8 @@ are joined before. Pairs with solids that are left near have a part of their thi
 are left as near as if they were tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
 
 Two cloths in one place have no order, and rounding would tangle them. The one with a higher `layer`, or the later one in the
-scene, lies on the other: its vertices there begin a hair further along its normals (`lay_on`).
+scene, lies on the other: its vertices there begin a hair further along its normals, and those that scripts hold as far as they
+should (`lay_on`).
 """
 
 from __future__ import annotations
@@ -53,11 +54,12 @@ class Moved:
     by: float = 0.0
 
 
-def lay_on(model: ParticleState, layers: Layers, cloths: list[Cloth]) -> np.ndarray:
-    """Moves the later of two cloths that start in one place, a hair along its normals; returns its particles (k,).
+def lay_on(model: ParticleState, layers: Layers, cloths: list[Cloth], fixed: np.ndarray) -> np.ndarray:
+    """Moves the later of two cloths that start in one place along its normals; returns its particles (k,).
 
     Args:
         cloths: of the scene; one with a higher `layer` is later.
+        fixed: (k,) particles that scripts hold: they go as far as they should, since nothing moves them apart later.
     """
     mesh, detector = layers.detector.mesh, layers.detector
     order = np.argsort([c.contact.layer if c.contact else 0 for c in cloths], kind="stable")
@@ -68,9 +70,12 @@ def lay_on(model: ParticleState, layers: Layers, cloths: list[Cloth]) -> np.ndar
     one = (p.pair[:, 2] == VERTEX_FACE) & (owner[:, 0] != owner[:, 3]) & (p.end < ONE * p.radius)
     if not one.any():
         return np.zeros(0, dtype=np.int64)
-    (x, v), later = model.read_particles(), owner[one] == owner[one].max(axis=1, keepdims=True)
-    moved = np.unique(p.vertices[one][later])
-    x[moved] += 4 * ONE * mesh.half_thickness[moved, None] * vertex_normals(x, mesh.faces)[moved]
+    (x, v), owner, four = model.read_particles(), owner[one], p.vertices[one]
+    later = owner == owner.max(axis=1, keepdims=True)
+    lower = np.broadcast_to(owner.min(axis=1, keepdims=True), owner.shape)
+    moved, on = np.unique(np.unique(np.column_stack([four[later], lower[later]]), axis=0)[:, 0], return_counts=True)
+    by = np.where(np.isin(moved, fixed), AIM, 2 * ONE) * on * 2 * mesh.half_thickness[moved]  # m, on so many others
+    x[moved] += by[:, None] * vertex_normals(x, mesh.faces)[moved]
     model.write_particles(x, v)
     model.save()
     return moved

@@ -141,7 +141,7 @@ class Parts:
             self.notes += [str(out) for out in put_in_order(self.contacts.detector, self.model, self.scene, fixed)]
             self.prescribed.begin_anew()
         if self.contacts.layers is not None:
-            self._lay_on()
+            self._lay_on(fixed)
         self.notes += self.contacts.inspect()
         detector = self.contacts.detector
         if len(detector.inside.particles) or len(detector.crossed):
@@ -165,18 +165,18 @@ class Parts:
         if len(moved.left):
             self.notes.append(f"{len(moved.left)} vertices could not be moved apart, the first of them {name(moved.left[0])}")
 
-    def _lay_on(self) -> None:
+    def _lay_on(self, fixed: np.ndarray) -> None:
         """Gives cloths that start in one place an order, that of the scene."""
         from ..contact.settle import lay_on
 
-        moved = lay_on(self.model, self.contacts.layers, self.scene.cloths)
+        moved = lay_on(self.model, self.contacts.layers, self.scene.cloths, fixed)
         if len(moved):
             self.prescribed.begin_anew()
             user = self.model.user[moved]
             names = " and ".join(repr(c.name) for c in self.scene.cloths
                                  if ((user >= c.start) & (user < c.start + c.mesh.vertex_count)).any())
-            self.notes.append(f"{names}: {len(moved)} vertices start in one place with another cloth. They were moved a hair "
-                              "along their normals, to lie on it (which of the two does is by `layer`, or the scene's order)")
+            self.notes.append(f"{names}: {len(moved)} vertices start in one place with another cloth. They were moved along "
+                              "their normals, to lie on it (which of the two does is by `layer`, or the scene's order)")
 
     def _advice(self, rejection: str) -> str:
         """The remedy where a run gives up: another start, while cloth that started in a solid is not out of it."""

@@ -51,6 +51,22 @@ def test_of_two_cloths_in_one_place_the_later_one_lies_on_the_other():
             assert cloth_crossings(sim) == 0 and np.linalg.norm(sim.velocities(), axis=1).max() < T * 60
 
 
+@pytest.mark.parametrize("held", [(), ("left",)])
+def test_three_cloths_in_one_place_lie_on_each_other_in_order(held):
+    """Pinned or not: no two of them cross, and rows that are held are as far apart as the others."""
+    mesh, scene = tc.grid(0.2, 7, centred=True), tc.Scene(gravity=None)
+    for k in range(3):
+        x = mesh.x + 1e-9 * np.random.default_rng(k).normal(size=mesh.x.shape)
+        cloth = scene.add_cloth(mesh, FABRIC, positions=x, contact=tc.ClothContact(T))
+        for side in held:
+            scene.pin(cloth, side)
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        y = sim.positions()[:, 1].reshape(3, -1)
+        assert cloth_crossings(sim) == 0 and np.diff(y, axis=0).min() > 0.5 * T
+        sim.run(0.1, fps=30)
+        assert cloth_crossings(sim) == 0 and np.linalg.norm(sim.velocities(), axis=1).max() < T * 60
+
+
 def test_of_two_layers_in_one_place_the_upper_one_lies_on_the_other():
     mesh, scene = tc.grid(0.2, 7, centred=True), tc.Scene(gravity=None)
     for layer in (2, 1):
