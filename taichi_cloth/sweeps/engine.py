@@ -168,7 +168,16 @@ def _security(tls: Mapping[str, str] | None):
 
 
 def _here(where: Where, security: Any):
-    """A cluster of processes of this machine, which listens to this machine only."""
+    """A cluster of processes of this machine, which listens to this machine only. Dask asserts that its event loop begins
+    within 10 s, which it may not where the machine is busy: it is asked twice."""
+    try:
+        return _local(where, security)
+    except AssertionError:
+        return _local(where, security)
+
+
+def _local(where: Where, security: Any):
+    """Starts it."""
     import distributed
 
     pages = {"dashboard": where.dashboard is not None, "dashboard_address": where.dashboard or "127.0.0.1:0"}

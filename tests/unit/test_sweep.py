@@ -358,6 +358,22 @@ def test_dashboards_and_certificates_are_checked_before_anything_runs(tmp_path, 
             tc.sweep(odd, {"number": [1]}, **more)
 
 
+def test_an_event_loop_that_begins_late_is_asked_for_twice(monkeypatch):
+    from taichi_cloth.sweeps import engine
+
+    tries = []
+
+    def cluster(**options):
+        tries.append(options)
+        assert len(tries) > 1  # as of Dask's `LoopRunner`
+        return "a cluster"
+
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "LocalCluster", cluster)
+    where = engine.Where(workers=1)
+    assert engine._here(where, None) == "a cluster" and len(tries) == 2 and tries[0] == tries[1]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl to make certificates")
 def test_with_certificates_nothing_goes_unencrypted_and_there_are_no_pages(tmp_path):
