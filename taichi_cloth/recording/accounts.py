@@ -1,4 +1,4 @@
-"""What changed the cloth's energy over a run, with one sign for all: gained is positive, lost negative."""
+"""Changes of the cloth's energy over a run, by cause, with one sign for all: gained is positive, lost negative."""
 
 from collections.abc import Mapping
 from dataclasses import fields

@@ -177,7 +177,7 @@ def _here(where: Where, security: Any):
 
 
 def _local(where: Where, security: Any):
-    """Starts it."""
+    """One try at `_here`."""
     import distributed
 
     pages = {"dashboard": where.dashboard is not None, "dashboard_address": where.dashboard or "127.0.0.1:0"}

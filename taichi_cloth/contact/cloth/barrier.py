@@ -11,7 +11,7 @@ from ...backend.language import ti
 
 FLOOR = 0.2  # of a pair's distance
 MOST_SHIFT = 0.25  # of it, by which repulsion may begin further away. With .15 and .5 ten sheets lie as far apart; two layers
-# under an arm that closes take 72 to 110 and 72 to 91 steps for 72 to 83 (eight runs)
+# under an arm that closes take 72 to 105 and 72 to 89 steps (four runs) for 72 to 83 (eight)
 REACH = 1 + MOST_SHIFT  # parts of a pair's distance, within which it may repel
 SHALLOW = 0.02  # part of the height above the floor from which on downwards the force grows more slowly, and of r its end
 
