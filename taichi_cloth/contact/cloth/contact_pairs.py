@@ -18,8 +18,8 @@ CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stif
 STIFFEST = 4096.0  # product of the factors at most
 GROWS = 0.15  # of what lacks to a pair's distance, by which its shift grows in a usual step. With .3 ten sheets swing longer:
 # after .25 s their load on the floor is off by .9 % for .5
-OFF = 0.015  # of that distance: what lacks less is left. With 0 a sheet under one that is drawn creeps by 1.1 um/s for .6, with .02
-# by 8.3
+OFF = 0.015  # of that distance: what lacks less is left. With 0 and .02 a sheet under one that is drawn creeps by 1.1 and
+# 8.3 um/s for .6
 
 
 @dataclass(frozen=True)
