@@ -63,6 +63,7 @@ def lay_on(model: ParticleState, layers: Layers, cloths: list[Cloth], fixed: np.
     """
     mesh, detector = layers.detector.mesh, layers.detector
     order = np.argsort([c.contact.layer if c.contact else 0 for c in cloths], kind="stable")
+    model.save()
     detector.paths.begin()
     detector.cover()
     p = detector.look()
