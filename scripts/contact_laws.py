@@ -54,12 +54,12 @@ def main() -> int:
     parser.add_argument("--steps", type=Fraction, nargs="+", default=[Fraction(1, 60)], help="[s], 1/60 for example")
     parser.add_argument("--threads", type=int, nargs="+", default=[1])
     parser.add_argument("--contact-tol", type=float, help="solve contact with solids to this (see docs/contact-laws.md)")
+    parser.add_argument("--integrator", help="bdf2 for example, of second order in contact")
     parser.add_argument("--out", type=pathlib.Path, help="a file for the table, beside what is printed")
     args = parser.parse_args()
     if unknown := set(args.cases) - set(CASES):
         parser.error(f"no case {', '.join(sorted(unknown))}; there are {', '.join(CASES)}")
-    if args.contact_tol is not None:
-        SETTINGS["contact_tol"] = args.contact_tol
+    SETTINGS.update({name: value for name in ("contact_tol", "integrator") if (value := getattr(args, name)) is not None})
     chosen = [CASES[name] for name in args.cases or CASES]
     results: dict[tuple, list[Result]] = {}
     for threads in args.threads:  # outermost: each number of threads starts Taichi anew

@@ -13,7 +13,7 @@ from ..system.cones import Cones
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
-from .points import ContactForce, ContactRows
+from .points import ContactForce, ContactRows, Pushes
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
@@ -308,12 +308,13 @@ class Contacts(Checkpointed):
         if self.layers is not None:
             self.layers.clear()
 
-    def pushed(self) -> np.ndarray:
-        """(n, 3) [N] on each particle in the last solve by repulsion: edges and corners of solids, layers of cloth."""
-        out = self.solids.pushed()
-        return out if self.layers is None else out + self.layers.forces()
+    def pushes(self) -> list[Pushes]:
+        """Forces of repulsion in the last solve: edges and corners of solids, layers of cloth."""
+        return self.solids.pushes() + ([] if self.layers is None else self.layers.pushes())
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""
         out = self.solids.forces_on_particles()
-        return out if self.layers is None else out + self.layers.forces()
+        for pushes in [] if self.layers is None else self.layers.pushes():
+            pushes.add(out)
+        return out

@@ -23,7 +23,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import ContactRows
+from ..points import ContactRows, Pushes
 from ..step_start import StepContext
 from . import pair_kernels
 from .barrier import FLOOR
@@ -347,15 +347,14 @@ class Layers(Checkpointed):
         self.pass_without()
         self.commit()
 
-    def forces(self) -> np.ndarray:
-        """(n, 3) [N] of layers on each other where the model now is, in particle order; they add up to 0."""
-        out = np.zeros((self.model.n, 3))
+    def pushes(self) -> list[Pushes]:
+        """Forces of layers on each other where the model now is; those of each contact add up to 0."""
         q = self.linearized
-        if q is not None:
-            x, p = self.model.read_particles()[0], q.near
-            friction = q.friction(q.slip(x - self.start.x) / self.start.h)
-            q.points.spread(q.repelled(p.along(x))[:, None] * p.normal + friction, out)
-        return out
+        if q is None:
+            return []
+        x, p = self.model.read_particles()[0], q.near
+        friction = q.friction(q.slip(x - self.start.x) / self.start.h)
+        return [q.points.pushes(q.repelled(p.along(x))[:, None] * p.normal + friction)]
 
     def clear(self) -> None:
         """The state was changed from outside."""

@@ -19,7 +19,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.held import pinned_particles
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import ContactRows, rows_of
+from ..points import ContactRows, Pushes, rows_of
 from ..step_start import StepContext
 from .active_set import ActiveSet, States, hold_together
 from .pairs import PAIR, REPULSION, LoadStiffness, Pairs, Step, inertia, linearize_repulsion
@@ -343,24 +343,21 @@ class SolidContacts(Checkpointed):
         out = np.zeros((self.model.n, 3))
         np.add.at(out, self.active.contacts.index, self.forces.held)
         out[self.pinches.trial.index] += self.pinches.forces
-        return out + self.pushed()
+        for pushes in self.pushes():
+            pushes.add(out)
+        return out
 
     def begun(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Contacts that the last solve held and the accepted step before did not: (particles (k,), projectors (k, 3, 3) on
-        the directions that are held, friction (k, 3) [N] of those that slide)."""
-        f, stick = self.active.contacts, self.active.states.stick
+        """Contacts that the last solve held and the accepted step before did not: (particles (k,), normals (k, 3), forces
+        (k, 3) [N])."""
+        f = self.active.contacts
         new = ~np.isin(f.key, self.accepted.key)
-        f, stick, force = f.take(new), stick[new], self.forces.held[new]
-        projector = np.einsum("ki,kj->kij", f.normal, f.normal)
-        projector[stick] = np.eye(3)
-        return f.index, projector, force - np.einsum("kij,kj->ki", projector, force)
+        return f.index[new], f.normal[new], self.forces.held[new]
 
-    def pushed(self) -> np.ndarray:
-        """(n, 3) [N] on each particle from edges and corners in the last solve."""
-        out, p = np.zeros((self.model.n, 3)), self.linearized
-        if p is not None:
-            np.add.at(out, p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])
-        return out
+    def pushes(self) -> list[Pushes]:
+        """Forces of edges and corners in the last solve."""
+        p = self.linearized
+        return [] if p is None else [Pushes(p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])]
 
     def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """(force [N], torque [N m] about the origin) on each solid, by name."""

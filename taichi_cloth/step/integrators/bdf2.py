@@ -11,9 +11,10 @@ rest, so nothing bounces. The first solve is linearized at the extrapolated moti
 goes on as in a stage of TR-BDF2.
 
 Impacts are no part of a motion that goes on. Before the next step they are taken out of (x', v'):
-- of directions that contact has just begun to hold, the whole change of velocity;
-- of friction that has just begun, and of the growth of pairs' forces since the step before, the part of their impulse
-  that shows in the particle's change of velocity. The part that other forces balanced stays.
+- of contacts with solids that have just begun, the whole change of velocity along their normals, and as large a part of
+  the friction's share in it: what the normal force bore beyond the impact, friction goes on with;
+- of the growth of pairs' forces since the step before, the part of their impulse that shows in the change of velocity of
+  the two. The part that other forces balanced stays.
 
 Source: Curtiss, Hirschfelder 1952; the treatment of contact is ours. A step that it cannot take is redone by backward Euler,
 and so are the first one, those of sewn cloth, and those in which something is pinched or tangled.
@@ -26,6 +27,7 @@ import numpy as np
 from ...options import Options
 from ...system.assembler import Measures
 from ...system.base import Base
+from ...contact.points import tangential
 from ...system.held import Held
 from ..attempt import Attempt
 from ..nonlinear.history import HistoryEnergy
@@ -112,20 +114,25 @@ class BDF2(BackwardEuler):
 
     def _forget_impacts(self, x: np.ndarray, v: np.ndarray) -> None:
         """The state before becomes one from which the motion goes on to x, v (n, 3): see above."""
-        contacts, mass, before = self.contacts, self.model.mass, self.v_0.copy()
+        mass, changed, before = self.model.mass, v - self.v_0, self.v_0.copy()
         c = self.h_1 if self.energy.base is None else self.energy.base.c
-        index, projector, friction = contacts.solids.begun()
-        for i, P, rubbed in zip(index.tolist(), projector, friction):
-            self.v_0[i] += P @ (v[i] - self.v_0[i]) + _share(v[i] - self.v_0[i], c * rubbed / mass[i])
-        push = contacts.pushed()
+        i, normal, force = self.contacts.solids.begun()
+        gained, given = changed[i], c * force / mass[i][:, None]  # m/s: all in all, and by the contact
+        along, pressed = (np.einsum("ki,ki->k", rows, normal) for rows in (gained, given))
+        hit = np.clip(along / np.maximum(pressed, 1e-300), 0, 1)[:, None]  # part of the contact's impulse that is an impact's
+        self.v_0[i] += along[:, None] * normal + hit * _share(tangential(gained, normal), tangential(given, normal))
+        every = self.contacts.pushes()
+        push = np.zeros_like(v)
+        for pushes in every:
+            pushes.add(push)
         size, was = (np.linalg.norm(f, axis=1) for f in (push, self.borne))
         self.borne = push
-        hit = np.flatnonzero(size > was)
-        if len(hit):
-            new = c * ((1 - was[hit] / size[hit]) / mass[hit])[:, None] * push[hit]
-            self.v_0[hit] += _share(v[hit] - self.v_0[hit], new)
-        changed = (self.v_0 != before).any(axis=1)
-        self.x_0[changed] = x[changed] - self.h_1 * (v[changed] + self.v_0[changed]) / 2
+        grown, given = 1 - np.minimum(was / np.maximum(size, 1e-300), 1), c * push / mass[:, None]
+        for pushes in every:  # all particles of a contact by the same part, so that momentum stays
+            part = np.clip(pushes.of(changed) / np.maximum(pushes.of(given), 1e-300), 0, 1)
+            self.v_0 += pushes.add(np.zeros_like(v), part * grown[pushes.vertices].max(axis=1)) * (c / mass)[:, None]
+        moved = (self.v_0 != before).any(axis=1)
+        self.x_0[moved] = x[moved] - self.h_1 * (v[moved] + self.v_0[moved]) / 2
 
     def reset(self) -> None:
         """The state was changed by hand."""
