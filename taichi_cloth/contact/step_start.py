@@ -64,13 +64,15 @@ class StepContext:
         """(n, 3) mean velocities [m/s] of steps that end with v, alterations apart: (x_base + c v - x)/h."""
         return v if self.base is None else (self.base.x_offset + self.c * v) / self.h
 
-    def altered(self, held: Held | None) -> Held | None:
-        """Held particles, such that they end with their mean velocity of the step, alterations apart."""
+    def altered(self, held: Held | None, going_on: np.ndarray | None = None) -> Held | None:
+        """Held particles, such that they end with their mean velocity of the step, alterations apart; but with that of the
+        method in the directions (k, 3, 3), of which these are the projectors, in which they go on."""
         if held is None or self.base is None:
             return held
         i = held.index
         v = (held.target - held.y - self.x[i]) / self.h
-        y = np.einsum("kij,kj->ki", held.projector, held.target - self.x[i] - self.base.x_offset[i] - self.c * v)
+        stops = held.projector if going_on is None else held.projector - going_on
+        y = np.einsum("kij,kj->ki", stops, held.target - self.x[i] - self.base.x_offset[i] - self.c * v)
         return replace(held, y=y.astype(held.y.dtype))
 
     @cached_property
