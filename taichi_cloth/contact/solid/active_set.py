@@ -80,14 +80,15 @@ class ActiveSet:
     normal_shift: np.ndarray
     holding: Holding
 
-    @property
-    def sticking(self) -> np.ndarray | None:
+    def going_on(self, known) -> np.ndarray | None:
         """(k, 3, 3) projectors on the directions in which held particles stick to the only solid that they touch."""
         if self.holding.held is None:
             return None
         out, one = np.zeros(self.holding.held.projector.shape), self.holding.alone & self.states.stick
         n = self.contacts.normal[one]
         out[self.holding.rows[one]] = np.eye(3) - n[:, :, None] * n[:, None, :]
+        one = self.holding.alone & np.isin(self.contacts.key, known)
+        out[self.holding.rows[one]] = self.holding.held.projector[self.holding.rows[one]]
         return out
 
     @classmethod
