@@ -65,8 +65,8 @@ class StepContext:
         return v if self.base is None else (self.base.x_offset + self.c * v) / self.h
 
     def altered(self, held: Held | None, going_on: np.ndarray | None = None) -> Held | None:
-        """Held particles, such that they end with their mean velocity of the step, alterations apart; but with that of the
-        method in the directions (k, 3, 3), of which these are the projectors, in which they go on."""
+        """Held particles, such that they end with their mean velocity of the step, alterations apart. In directions in which
+        they go on, with projectors `going_on` (k, 3, 3), they have the method's."""
         if held is None or self.base is None:
             return held
         i = held.index

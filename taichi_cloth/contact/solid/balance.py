@@ -87,7 +87,7 @@ class Balance:
         a = self.solids.active
         self.f, c = a.contacts, self.start.c
         self.goal = np.minimum(self.f.start_gap + a.normal_shift, 0.0)
-        self.held = self.start.altered(a.holding.held, a.going_on(self.solids.accepted.key))
+        self.held = self.start.altered(a.holding.held, a.going_on(self.solids.accepted))
         p_n, speed = c * a.states.force, length(a.slip)
         cone = self.f.friction * p_n
         slides = ~a.states.stick & (cone > 0)

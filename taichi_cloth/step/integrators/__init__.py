@@ -66,7 +66,8 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
     from .safe import Safe
 
     accurate = TRBDF2(fields, system, options, scene.gravity)
-    if contacts is None or contacts.sprung or not (name == "bdf2" or options.tolerance is not None):
+    solved = options.contact_tol is not None or options.tolerance is not None
+    if contacts is None or contacts.sprung or not (solved or name == "bdf2"):
         from .backward_euler import BackwardEuler
 
         return Safe(system, accurate, BackwardEuler(system, options), only_contact=name == "tr_bdf2")
