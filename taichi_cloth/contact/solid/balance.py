@@ -106,9 +106,9 @@ class Balance:
         holding = hold_together(f, rows.stick, normal_shift, start.pins, self.solids.model.n, self.solids.model.exchange)
         sewn = self.solids.model.sewn
         held = holding.held if sewn is None else sewn.spread(holding.held, start.c)
-        self.held = start.altered(held)
         states = States(f.key, rows.stick, rows.normal / start.c, rows.push)
-        self.solids.active = ActiveSet(f, states, self.slip, normal_shift, replace(holding, held=held))
+        active = self.solids.active = ActiveSet(f, states, self.slip, normal_shift, replace(holding, held=held))
+        self.held = start.altered(held, active.going_on(self.solids.accepted))
 
     def rubs(self, v: np.ndarray) -> ContactRows:
         """Friction of sliding contacts, for a solve that begins with velocities v (n, 3) [m/s]."""

@@ -6,11 +6,11 @@ With w = h/h_0, the step over the one before, and k = w^2/(1 + 2 w),
     (x_b, v_b) = (x_0, v_0) + k (x_0 - x', v_0 - v'),
 
 with (x', v') the state before: a step of backward Euler from another base, so that contact is in its solve as it is there.
-Pins, and contacts that begin, end with their mean velocity of the step, (target - x_0)/h, along normals. An alteration y makes
-up for the rest, so nothing bounces. In all other directions what is held has the formula's velocity, as it has where it is
-free. Else the force by which it is held would jump where it comes free, and a step that needs a force in between would have
-no solution: cloth that stuck to a turntable slipped by 1e-6 of its speed, in 16 solves a step for 2. The first solve is linearized at the extrapolated motion, v = v_0 + w (v_0 - v'). Newton's method
-goes on as in a stage of TR-BDF2.
+Pins, and contacts that begin, along their normals, end with their mean velocity of the step, (target - x_0)/h. An alteration
+y makes up for the rest, so nothing bounces. All else that is held has the formula's velocity, as it has where it is free. If
+not, the force that holds would jump where it comes free, and a step that needs a force in between would have no solution:
+cloth that stuck to a turntable slipped by 1e-6 of its speed, in 16 solves a step for 2. The first solve is linearized at the
+extrapolated motion, v = v_0 + w (v_0 - v'). Newton's method goes on as in a stage of TR-BDF2.
 
 Impacts are no part of a motion that goes on. Before the next step they are taken out of (x', v'):
 - of contacts with solids that have just begun, the whole change of velocity along their normals, and as large a part of
@@ -26,10 +26,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ...contact.points import tangential
 from ...options import Options
 from ...system.assembler import Measures
 from ...system.base import Base
-from ...contact.points import tangential
 from ...system.held import Held
 from ..attempt import Attempt
 from ..nonlinear.history import HistoryEnergy
