@@ -308,13 +308,11 @@ class Contacts(Checkpointed):
         if self.layers is not None:
             self.layers.clear()
 
-    def pushes(self) -> list[Pushes]:
-        """Forces of repulsion in the last solve: edges and corners of solids, layers of cloth."""
-        return self.solids.pushes() + ([] if self.layers is None else self.layers.pushes())
+    def pushes(self) -> tuple[Pushes, Pushes]:
+        """Forces of repulsion in the last solve: by edges and corners of solids, and between layers of cloth."""
+        return self.solids.pushes(), Pushes.none() if self.layers is None else self.layers.pushes()
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""
         out = self.solids.forces_on_particles()
-        for pushes in [] if self.layers is None else self.layers.pushes():
-            pushes.add(out)
-        return out
+        return out if self.layers is None else self.layers.pushes().add(out)

@@ -22,7 +22,7 @@ import numpy as np
 from ..backend.rows import read, write
 from ..errors import SceneError
 
-VERSION = 15  # of checkpoints' content
+VERSION = 16  # of checkpoints' content
 BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
 RENAMED = {"was": "least_before", "firmness": "adaptive_stiffness", "boost": "scale", "lips": "opened_seams",
            "foresight": "forcing_terms", "growth": "thickness_ramp", "debt": "accumulated_gain",

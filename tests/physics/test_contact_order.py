@@ -103,7 +103,7 @@ def test_it_goes_on_from_a_checkpoint():
         for _ in range(13):
             sim.step()
         state = {k: np.array(a) for k, a in sim.checkpoint().items()}
-        assert sim.log[-1].contacts > 0 and np.abs(state["integrator.robust.borne"]).max() > 0
+        assert sim.log[-1].contacts > 0 and len(state["integrator.robust.borne.0"]) > 0
         went = gone_on(sim)
     with tc.Simulation(slope(), h=1 / 60, integrator="bdf2", threads=1) as sim:
         sim.resume(state)

@@ -347,14 +347,14 @@ class Layers(Checkpointed):
         self.pass_without()
         self.commit()
 
-    def pushes(self) -> list[Pushes]:
-        """Forces of layers on each other where the model now is; those of each contact add up to 0."""
+    def pushes(self) -> Pushes:
+        """Forces of layers on each other where the model now is; those of each pair add up to 0."""
         q = self.linearized
         if q is None:
-            return []
+            return Pushes.none()
         x, p = self.model.read_particles()[0], q.near
         friction = q.friction(q.slip(x - self.start.x) / self.start.h)
-        return [q.points.pushes(q.repelled(p.along(x))[:, None] * p.normal + friction)]
+        return Pushes(p.key, p.vertices, q.points.shares(q.repelled(p.along(x))[:, None] * p.normal + friction))
 
     def clear(self) -> None:
         """The state was changed from outside."""

@@ -343,9 +343,7 @@ class SolidContacts(Checkpointed):
         out = np.zeros((self.model.n, 3))
         np.add.at(out, self.active.contacts.index, self.forces.held)
         out[self.pinches.trial.index] += self.pinches.forces
-        for pushes in self.pushes():
-            pushes.add(out)
-        return out
+        return self.pushes().add(out)
 
     def begun(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Contacts that the last solve held and the accepted step before did not: (particles (k,), normals (k, 3), forces
@@ -354,10 +352,10 @@ class SolidContacts(Checkpointed):
         new = ~np.isin(f.key, self.accepted.key)
         return f.index[new], f.normal[new], self.forces.held[new]
 
-    def pushes(self) -> list[Pushes]:
+    def pushes(self) -> Pushes:
         """Forces of edges and corners in the last solve."""
         p = self.linearized
-        return [] if p is None else [Pushes(p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])]
+        return Pushes.none() if p is None else Pushes(p.key, p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])
 
     def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """(force [N], torque [N m] about the origin) on each solid, by name."""
