@@ -66,8 +66,8 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
     from .safe import Safe
 
     accurate = TRBDF2(fields, system, options, scene.gravity)
-    solved = options.contact_tol is not None or options.tolerance is not None
-    if contacts is None or contacts.sprung or not (solved or name == "bdf2"):
+    solved = contacts is not None and contacts.layers is None and options.contact_tol is not None
+    if contacts is None or contacts.sprung or not (solved or name == "bdf2" or options.tolerance is not None):
         from .backward_euler import BackwardEuler
 
         return Safe(system, accurate, BackwardEuler(system, options), only_contact=name == "tr_bdf2")
