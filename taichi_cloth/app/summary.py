@@ -13,7 +13,7 @@ from ..recording.accounts import SIGN, change, changes
 from ..recording.reasons import refused, usual
 from ..recording.why import LEAST, PARTS, lasting
 from ..simulation import Simulation
-from ..step.integrators.safe import TOUCH
+from ..step.attempt import TOUCH
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
 NO_ROOM = "solids leave it no room, as an arm that is pressed into a trunk"

@@ -1,7 +1,6 @@
 """Refused attempts at steps in plain words: why each was refused, whether there are many of them, remedies."""
 
-from ..step.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH
-from ..step.integrators.safe import TOUCH
+from ..step.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, TOUCH
 from ..step.stepper import ADVICE
 
 FEW, SMALLER = 0.1, 16  # part of all attempts that are usually refused; times that a step is made smaller for it

@@ -11,6 +11,7 @@ from .ledger import Ledger
 
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
 CONTACT, APPROACH, NEWTON, ACCURACY = "CONTACT", "APPROACH", "NEWTON", "ACCURACY"
+TOUCH = "TOUCH"  # cloth touches something, is still being sewn, or tears: no fault, another method makes the step
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,11 @@ from ..points import ContactRows, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
 from .coulomb import MOST, SMOOTH, Rows, project_to_coulomb, smoothed, tangential_impulses
 from .sliding import Sliding
-from .solid_contacts import SolidContacts
+from .solid_contacts import EARTH, SolidContacts
 from .vertices import VertexContacts
 
 MET = 4  # solves after which contacts keep their planes: around a spike of 5 mm these would change in every solve. With 2, 4
 # and 6 all of `test_drives` pass, with 1 and without end two give up
-EARTH = 9.81  # m/s^2: forces are compared with the weight that cloth has there, also where gravity is less
 Impulses = tuple[np.ndarray, np.ndarray]  # (k, 3) on contacts [N s], and (k,) along their normals
 
 

@@ -19,7 +19,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.held import pinned_particles
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import ContactRows, Pushes, rows_of
+from ..points import ContactRows, Pushes, among, rows_of
 from ..step_start import StepContext
 from .active_set import ActiveSet, States, hold_together
 from .pairs import PAIR, REPULSION, LoadStiffness, Pairs, Step, inertia, linearize_repulsion
@@ -29,6 +29,7 @@ from .query import ContactCandidates, SolidCollisionDetector
 from .sliding import Sliding
 from .vertices import VertexContacts
 
+EARTH = 9.81  # m/s^2: forces and speeds are compared with what weight makes there, also where gravity is less
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
 # one: more would tear at the triangles
@@ -160,6 +161,14 @@ class SolidContacts(Checkpointed):
             holding = replace(holding, held=self.model.sewn.spread(holding.held, c))
         self.active = ActiveSet(f, States(f.key, stick, force, push), slip, normal_shift, holding)
         return float(np.max(-normal_shift, initial=0.0))
+
+    def hit(self) -> bool:
+        """Whether cloth comes at a solid, along its normal, faster than it would fall in the step: an impact, and no motion
+        that goes on from the step before."""
+        f, start = self.near.vertices, self.start
+        f = f.take((f.gap < 0) & ~among(self.accepted.key, f.key) & ~self.pinned[f.index])
+        arrive = (f.carried - start.x[f.index]) / start.h - start.v[f.index]
+        return bool((np.einsum("ki,ki->k", f.normal, arrive) > EARTH * start.h).any())
 
     @property
     def held_keys(self) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from ...system.assembler import Measures
 from ...system.checkpoint import Checkpointed
 from ...system.held import Held
-from ..attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
+from ..attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, TOUCH, Attempt
 from ..nonlinear.linear_system import System
 from .backward_euler import BackwardEuler
 from .tr_bdf2 import HORIZON, TRBDF2
@@ -25,7 +25,6 @@ STUBBORN = 64  # with `tolerance`, how many times smaller than the largest a fai
 SLOW = 4  # the same without: two small steps are far more accurate than one of backward Euler. With 1 stiff cloth loses .48 J
 # for .38 (`test_stability`)
 LAPSE = 0.02  # s, over which the acceleration of cloth in contact is averaged
-TOUCH = "TOUCH"  # cloth touches something, is still being sewn, or tears
 
 
 class Safe(Checkpointed):

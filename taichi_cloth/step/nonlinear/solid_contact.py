@@ -12,11 +12,11 @@ import numpy as np
 
 from ...backend.rows import read
 from ...backend.timing import Clock
-from ...contact.solid.balance import EARTH
+from ...contact.solid.solid_contacts import EARTH
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
-from ..attempt import APPROACH, CONTACT
+from ..attempt import APPROACH, CONTACT, TOUCH
 from ..ledger import Ledger
 from .euler import EulerPolicy, EulerStep
 from .linear_system import System
@@ -193,6 +193,8 @@ class SolidPolicy(EulerPolicy):
         contacts = self.system.contacts
         if self.solved is not None and not contacts.hindered:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
+            if self.system.base is not None and contacts.solids.hit():
+                return Outcome(TOUCH, "an impact", start)
             if not contacts.solids.pinches.where.any():
                 made = minimize(problem, 1 + self.system.options.newton_max + MORE)
                 self.system.stays_definite = self.system.definite = False
