@@ -49,8 +49,9 @@ class Options:
     arch: str = _option("cpu", "choice", '"cpu", "cuda", "vulkan" or "metal"', "--arch", choices=ARCHS)
     precision: str = _option("f64", "choice", '"f32" or "f64"', "--precision", choices=PRECISIONS)
     integrator: str = _option(
-        "safe", "choice", '"safe" (TR-BDF2; in contact BDF2 where steps are solved, which is with solids, else backward Euler, as '
-        'for steps that the others cannot take), "bdf2" (BDF2 in all contact), "tr_bdf2", '
+        "safe", "choice", '"safe" (TR-BDF2, in contact with solids BDF2; backward Euler for impacts, layers, sewn cloth, '
+        'contact_tol=None, and steps that these cannot take), "bdf2" (BDF2 for layers and without contact_tol too), '
+        '"tr_bdf2", '
         '"backward_euler" (the paper\'s single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or '
         '"auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why', "--integrator",
         choices=INTEGRATORS)

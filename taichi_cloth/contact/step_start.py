@@ -64,14 +64,14 @@ class StepContext:
         """(n, 3) mean velocities [m/s] of steps that end with v, alterations apart: (x_base + c v - x)/h."""
         return v if self.base is None else (self.base.x_offset + self.c * v) / self.h
 
-    def altered(self, held: Held | None, going_on: np.ndarray | None = None) -> Held | None:
+    def altered(self, held: Held | None, sticking: np.ndarray | None = None) -> Held | None:
         """Held particles, such that they end with their mean velocity of the step, alterations apart. In directions in which
-        they go on, with projectors `going_on` (k, 3, 3), they have the method's."""
+        they stick, with projectors (k, 3, 3), they have the method's."""
         if held is None or self.base is None:
             return held
         i = held.index
         v = (held.target - held.y - self.x[i]) / self.h
-        stops = held.projector if going_on is None else held.projector - going_on
+        stops = held.projector if sticking is None else held.projector - sticking
         y = np.einsum("kij,kj->ki", stops, held.target - self.x[i] - self.base.x_offset[i] - self.c * v)
         return replace(held, y=y.astype(held.y.dtype))
 

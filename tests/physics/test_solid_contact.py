@@ -91,7 +91,7 @@ def test_the_corner_of_two_planes_is_loaded_once():
     assert right[1] < 0 and left[1] < 0 and right + left == pytest.approx([0, -weight, 0], abs=0.02 * weight)
 
 
-@pytest.mark.parametrize("integrator", ["safe", "bdf2"])
+@pytest.mark.parametrize("integrator", ["backward_euler", "safe"])
 def test_what_begins_to_slide_is_dragged_along(integrator):
     """A floor pulled away at 3 mu g: after every step, the first included, the sheet goes its way at mu g. BDF2 takes a force
     that jumps for two thirds of its first step, and is late by up to half a step."""
@@ -103,9 +103,21 @@ def test_what_begins_to_slide_is_dragged_along(integrator):
     for k in range(1, 16):
         sim.step()
         v = sim.velocities()
-        law, late = mu * G * max(sim.time - began, 0.0), mu * G / 120 if integrator == "bdf2" and k > 5 else 0.0
+        law, late = mu * G * max(sim.time - began, 0.0), mu * G / 120 if integrator == "safe" and k > 5 else 0.0
         assert v[:, 0].min() > 0.98 * law - late - 1e-6 and v[:, 0].max() < 1.02 * law + 1e-6, f"step {k}"
         assert np.abs(v[:, 1:]).max() < 1e-3
+
+
+def test_a_force_that_begins_with_a_run_is_not_late():
+    """A floor goes off at 3 mu g: the sheet that lies on it slides with mu g from the first step on. With its friction left out of
+    what goes on, as that of an impact, it would lag by half a step."""
+    mu = 0.3
+    scene, _ = over(6, height=0.004)
+    scene.add_solid(tc.Plane(), friction=mu, thickness=0.004, position=lambda t: (1.5 * mu * G * t**2, 0.0, 0.0))
+    with tc.Simulation(scene, h=1 / 60, threads=1, cg_tol=1e-8) as sim:
+        for _ in range(12):
+            sim.step()
+        assert np.abs(sim.velocities()[:, 0] / (mu * G) - sim.time).max() < 0.01 / 60
 
 
 def landing(fabric: tc.Fabric) -> tc.Scene:
@@ -151,7 +163,7 @@ def test_friction_in_every_step_is_coulombs():
     assert len(shares) > 30 and max(shares) < 0.05 and sorted(shares)[-4] < 0.01, shares
 
 
-@pytest.mark.parametrize("integrator", ["safe", "bdf2"])
+@pytest.mark.parametrize("integrator", ["safe", "backward_euler"])
 def test_what_sticks_goes_where_the_solid_goes(integrator):
     """In every step exactly, up, down, sideways and round, as far as the solid's own motion says at that time."""
     def where(t):
@@ -237,7 +249,7 @@ def test_a_run_is_resumed_in_contact_bit_for_bit(scenes, options):
 
 def test_solids_hold_nothing_where_pins_do():
     """A sheet is attached along its top to a bar, inside the bar's thickness: the pins bear all of it, the bar only pushes on
-    the row below, and steps need no further solves for what the pins pull."""
+    the row below, and steps need no further solves for what the pins pull but the second one of a motion that goes on."""
     scene, mesh = tc.Scene(), tc.grid(0.5, 10, plane="xy")
     fabric = tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(1e-5))
     cloth = scene.add_cloth(mesh, fabric, positions=mesh.x - [0.25, 0.5, 0])
@@ -253,7 +265,7 @@ def test_solids_hold_nothing_where_pins_do():
     acceleration = 0.05 * math.sin(1.0) * np.array([-1.0, 0, 0])  # as far as the sheet goes with the bar
     whole = (pushed + held * top[:, None]).sum(axis=0)
     assert whole == pytest.approx(0.05 * (np.array([0, 9.8, 0]) + acceleration), abs=0.03)
-    assert pushed[:, 1].sum() < 0.1 * whole[1] and all(r.solves == 1 for r in sim.log[20:])
+    assert pushed[:, 1].sum() < 0.1 * whole[1] and all(r.solves == 2 for r in sim.log[20:])
     assert sum(r.ledger["pins"] for r in sim.log[20:]) != 0 and sum(abs(r.ledger["solids"]) for r in sim.log[20:]) < 1e-3
     sim.close()
 

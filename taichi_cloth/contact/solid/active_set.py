@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...system.held import Held
-from ..points import among
 from .vertices import VertexContacts
 
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
@@ -81,19 +80,15 @@ class ActiveSet:
     normal_shift: np.ndarray
     holding: Holding
 
-    def going_on(self, before: States) -> np.ndarray | None:
-        """(k, 3, 3) projectors on the held directions in which particles have the velocity of a method that goes on from the
-        steps before: all of those of contacts that the step `before` had, and those along the solid of new ones that stick.
-        Particles with several constraints have none."""
+    @property
+    def sticking(self) -> np.ndarray | None:
+        """(k, 3, 3) projectors on the directions in which held particles stick to the only solid that they touch."""
         held = self.holding.held
         if held is None:
             return None
-        out, one = np.zeros(held.projector.shape), self.holding.alone
-        new = one & self.states.stick
-        n = self.contacts.normal[new]
-        out[self.holding.rows[new]] = np.eye(3) - n[:, :, None] * n[:, None, :]
-        known = self.holding.rows[one & among(before.key, self.contacts.key)]
-        out[known] = held.projector[known]
+        out, one = np.zeros(held.projector.shape), self.holding.alone & self.states.stick
+        n = self.contacts.normal[one]
+        out[self.holding.rows[one]] = np.eye(3) - n[:, :, None] * n[:, None, :]
         return out
 
     @classmethod

@@ -86,7 +86,7 @@ class Balance:
         a = self.solids.active
         self.f, c = a.contacts, self.start.c
         self.goal = np.minimum(self.f.start_gap + a.normal_shift, 0.0)
-        self.held = self.start.altered(a.holding.held, a.going_on(self.solids.accepted))
+        self.held = self.start.altered(a.holding.held, a.sticking)
         p_n, speed = c * a.states.force, length(a.slip)
         cone = self.f.friction * p_n
         slides = ~a.states.stick & (cone > 0)
@@ -107,7 +107,7 @@ class Balance:
         held = holding.held if sewn is None else sewn.spread(holding.held, start.c)
         states = States(f.key, rows.stick, rows.normal / start.c, rows.push)
         active = self.solids.active = ActiveSet(f, states, self.slip, normal_shift, replace(holding, held=held))
-        self.held = start.altered(held, active.going_on(self.solids.accepted))
+        self.held = start.altered(held, active.sticking)
 
     def rubs(self, v: np.ndarray) -> ContactRows:
         """Friction of sliding contacts, for a solve that begins with velocities v (n, 3) [m/s]."""

@@ -6,11 +6,11 @@ With w = h/h_0, the step over the one before, and k = w^2/(1 + 2 w),
     (x_b, v_b) = (x_0, v_0) + k (x_0 - x', v_0 - v'),
 
 with (x', v') the state before: a step of backward Euler from another base, so that contact is in its solve as it is there.
-Pins, and contacts that begin, along their normals, end with their mean velocity of the step, (target - x_0)/h. An alteration
-y makes up for the rest, so nothing bounces. All else that is held has the formula's velocity, as it has where it is free. If
-not, the force that holds would jump where it comes free, and a step that needs a force in between would have no solution:
-cloth that stuck to a turntable slipped by 1e-6 of its speed, in 16 solves a step for 2. The first solve is linearized at the
-extrapolated motion, v = v_0 + w (v_0 - v'). Newton's method goes on as in a stage of TR-BDF2.
+Pins, and contacts along their normals, end with their mean velocity of the step, (target - x_0)/h. An alteration y makes up
+for the rest, so nothing bounces. What sticks has the formula's velocity along the solid, as it has where it slides. If not,
+the force that holds would jump where it slips, and a step that needs a force in between would have no solution: cloth that
+stuck to a turntable slipped by 1e-6 of its speed, in 16 solves a step for 2. The first solve is linearized at the extrapolated
+motion, v = v_0 + w (v_0 - v'). Newton's method goes on as in a stage of TR-BDF2.
 
 Impacts are no part of a motion that goes on. Before the next step they are taken out of (x', v'):
 - of contacts with solids that have just begun, the whole change of velocity along their normals, and as large a part of
@@ -55,7 +55,7 @@ class BDF2(BackwardEuler):
         n = self.model.n
         self.h_0 = self.h_1 = 0.0  # s: the step before, 0 where there is none; the attempt
         self.x_0, self.v_0 = np.zeros((n, 3)), np.zeros((n, 3))  # the state before
-        self.borne = NONE  # keys of the pairs that repelled in that step
+        self.borne: tuple[np.ndarray, ...] = NONE  # keys of the pairs that repelled in that step
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """See `Checkpointed`. Runs of versions before 16 made their steps in contact by backward Euler, unless BDF2 was asked
