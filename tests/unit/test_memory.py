@@ -159,6 +159,19 @@ def test_rows_without_numbers_take_no_memory():
     fields.free()
 
 
+@pytest.mark.skipif(not pages.GIVES_BACK, reason="pages are given back on Linux")
+def test_lists_that_rest_take_no_memory():
+    """Where they are long; short ones stay as they are."""
+    width = rows.RESTING // 8 // (1 << 16)
+    long, short = rows.Lists(2, 1 << 16, [(width, np.float64)]), rows.Lists(2, 8, [(width, np.float64)])
+    for lists in (long, short):
+        lists.count[:] = lists.arrays[0].shape[1]
+        lists.arrays[0][...] = 3.0
+        lists.rest()
+    assert in_memory(long.arrays[0]) <= 4 * mmap.PAGESIZE and not long.arrays[0].any()
+    assert (short.arrays[0] == 3).all()
+
+
 def test_numbers_are_cleared_to_their_ends():
     numbers = np.ones((1 << 15) + 5)
     assert pages.clear(numbers[3:-2]) == 0 if not pages.GIVES_BACK else 0 < pages.clear(numbers[3:-2]) < 8 * (1 << 15)
