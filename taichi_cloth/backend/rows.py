@@ -11,7 +11,7 @@ from .language import ti
 
 KINDS = {"f32": np.float32, "f64": np.float64, "i32": np.int32}  # of fields
 GROWTH = 1.5  # times the number that a piece turned out to write down, where that is more than there was room for
-RESTING = 1 << 24  # bytes of rows that lists keep while nobody needs these
+RESTING = 1 << 22  # bytes of rows that lists keep while nobody needs these
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
 
 
