@@ -143,7 +143,8 @@ class Layers(Checkpointed):
         taken, block, rhs = self.calls.linearize(
             p, weighed, rotation_coupling, self.start.h, self.start.c, int(not self.round), base, there, self._last_forces(p),
             rubbed, np.where(row < 0, slipped, np.inf), row, before)
-        points = ContactRows(p.vertices, p.weights, block, rhs, p.normal, rotation_coupling)
+        resident = self.calls.points(p, block, rhs, rotation_coupling)
+        points = ContactRows(p.vertices, p.weights, block, rhs, p.normal, rotation_coupling, resident)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:
             self.compared = Comparison(self.linearized, p)
