@@ -17,7 +17,8 @@ FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/assembler.py"
 LISTS, ARRAYS = "taichi_cloth/backend/device_lists.py", "taichi_cloth/backend/device_arrays.py"
 ROWS_THERE, PAIRS_THERE = (f"taichi_cloth/contact/cloth/{name}.py" for name in ("candidate_rows", "resident_pairs"))
-POINTS, HELD, EXACT = (f"taichi_cloth/{name}.py" for name in ("contact/device_points", "system/constraints", "solver/device_coarse"))
+POINTS, HELD, EXACT = (f"taichi_cloth/{name}.py" for name in (
+    "contact/device_points", "system/constraints", "solver/device_coarse"))
 LISTED = "tests/unit/test_device_lists.py"
 COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
 INVERTED = LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"
@@ -146,7 +147,8 @@ MUTATIONS = (
     ("taichi_cloth/system/seams.py", "            self.model.moved()\n", "", "sides of seams have not met",
      LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
     ("taichi_cloth/step/nonlinear/linear_system.py", "        self.model.moved()\n        self._place(",
-     "        self._place(", "the host knows places of before a solve", LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
+     "        self._place(", "the host knows places of before a solve",
+     LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
     (POINTS, "ti.max(begin, 1) + k - rhs.shape[0]", "begin + k - rhs.shape[0]",
      "points behind those of a device are others", "tests/unit/test_device_points.py"),
     ("taichi_cloth/contact/settle.py", "    model.save()  # paths begin where it was saved\n", "",

@@ -4,14 +4,11 @@ Those that kernels of a device worked out stay there, and are taken from there.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..backend.language import ti
-
-if TYPE_CHECKING:
-    from .points import ContactRows
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,8 @@ class DevicePoints:
     def __init__(self, force: Any, corners: int) -> None:
         self.force, self.corners, self.layered = force, corners, force.layered
 
-    def put(self, p: "ContactRows", entries: np.ndarray, first: np.ndarray) -> None:
-        """Rows entries (e,) of points into the fields, by blocks from first (blocks + 1,) on."""
+    def put(self, p: Any, entries: np.ndarray, first: np.ndarray) -> None:
+        """Rows entries (e,) of points p, `ContactRows`, into the fields, by blocks from first (blocks + 1,) on."""
         if not len(entries):
             self.force.first.fill(0)
             return
