@@ -151,6 +151,4 @@ MUTATIONS = (
      LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
     (POINTS, "ti.max(begin, 1) + k - rhs.shape[0]", "begin + k - rhs.shape[0]",
      "points behind those of a device are others", "tests/unit/test_device_points.py"),
-    ("taichi_cloth/contact/settle.py", "    model.save()  # paths begin where it was saved\n", "",
-     "all of what starts meets all on a path from the origin", "tests/physics/test_near_starts.py"),
 )
