@@ -89,7 +89,7 @@ def test_cloths_that_are_not_in_one_place_stay_where_they_are():
 
 
 def test_looking_for_cloths_in_one_place_pairs_nothing_that_lies_apart():
-    """The room for candidates stays as it is made: 32 a face. All with all are 600,000, and were too many for a whole scene."""
+    """The room for candidates stays as it is made: 32 a face. All with all are 600,000, and too many in a whole scene."""
     mesh, scene = tc.grid(0.2, 13, centred=True), tc.Scene(gravity=None)
     for k in range(2):
         scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0.0, 0.1 * k, 0.0], contact=tc.ClothContact(T))
