@@ -144,8 +144,6 @@ MUTATIONS = (
      LISTED),
     ("taichi_cloth/system/state.py", "        self._known = self._known_saved\n", "", "a restored state is that of before",
      LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
-    ("taichi_cloth/system/seams.py", "            self.model.moved()\n", "", "sides of seams have not met",
-     LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
     ("taichi_cloth/step/nonlinear/linear_system.py", "        self.model.moved()\n        self._place(",
      "        self._place(", "the host knows places of before a solve",
      LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
