@@ -5,6 +5,7 @@ is built are left out of seconds. The serial part is the CPU time of the thread 
 Memory is the peak, beside that of a process that has run the scene's smallest mesh.
 
     python scripts/bench_growth.py --cells 50 101 160 --until 0.3333 --json growth.json
+    python scripts/bench_growth.py --cells 50 101 --until 0.25 --over-cells thickness=0.3       # as many pairs a vertex
     python scripts/bench_growth.py --scene sphere_drape --set itself=1 --cells 200 500 --until 0 --json setup.json
 """
 
@@ -72,6 +73,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--scene", default="layers", help="one with the option `cells`")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="its other options")
+    parser.add_argument("--over-cells", nargs="*", default=[], metavar="NAME=VALUE", help="more of them, each over the cells")
     parser.add_argument("--cells", type=int, nargs="+", default=[50, 101], help="along a side")
     parser.add_argument("--until", type=float, default=1 / 3, help="s; 0: set-up alone")
     parser.add_argument("--precision", default="f64")
@@ -84,8 +86,10 @@ def main() -> None:
         return
     rows = []
     for cells in args.cells:
+        scaled = [f"{name}={float(value) / cells}" for name, value in (s.split("=", 1) for s in args.over_cells)]
+        settings = args.set + scaled
         command = [sys.executable, __file__, "--one", "--scene", args.scene, "--cells", str(cells), "--until", str(args.until),
-                   "--precision", args.precision, *(["--set", *args.set] if args.set else [])]
+                   "--precision", args.precision, *(["--set", *settings] if settings else [])]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode:
             raise SystemExit(done.returncode)

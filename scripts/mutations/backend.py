@@ -17,7 +17,8 @@ FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/assembler.py"
 LISTS, ARRAYS = "taichi_cloth/backend/device_lists.py", "taichi_cloth/backend/device_arrays.py"
 ROWS_THERE, PAIRS_THERE = (f"taichi_cloth/contact/cloth/{name}.py" for name in ("candidate_rows", "resident_pairs"))
-POINTS, HELD, EXACT = (f"taichi_cloth/{name}.py" for name in ("contact/points", "system/constraints", "solver/device_coarse"))
+POINTS, HELD, EXACT = (f"taichi_cloth/{name}.py" for name in (
+    "contact/device_points", "system/constraints", "solver/device_coarse"))
 LISTED = "tests/unit/test_device_lists.py"
 COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
 INVERTED = LAYOUTS + "the_level_that_is_solved_exactly_is_inverted_on_a_device"
@@ -83,7 +84,7 @@ MUTATIONS = (
     (ROWS_THERE, "self._append(kept, ", "self._append(0, ", "candidates that are found replace those that stay", LISTED),
     (ROWS_THERE, "below[k] = ti.cast(part[k] < 1, ti.i8)", "below[k] = ti.cast(part[k] <= 1, ti.i8)",
      "all pairs block a step", LISTED),
-    (POINTS, "self.A[e][c] = numbers[k, CORNERS + c]", "self.A[e][c] = numbers[e, CORNERS + c]",
+    (POINTS, "self.force.A[e][c] = numbers[k, at + c]", "self.force.A[e][c] = numbers[e, at + c]",
      "blocks of a device have points of others", LAYOUTS + "steps_are_the_same"),
     (PAIRS_THERE, "end[k], factor[k], radius[k] =", "end[k], radius[k], factor[k] =",
      "a device takes distances of pairs for their parts", LAYOUTS + "steps_are_the_same"),
@@ -135,4 +136,17 @@ MUTATIONS = (
     (COMPILER, '("compile_tier", "full"), ', "", "steps of taichi_forge take seven times as long", COMPILERS),
     (COMPILER, "if not found.installed:", "if False:", "an absent compiler is no error of ours", COMPILERS),
     (POOL, "SEEN = None not in (get_addr, to_numpy_type)", "SEEN = True", "a private part of a compiler is needed", COMPILERS),
+    ("taichi_cloth/backend/rows.py", "                pages.clear(array)", "                pass",
+     "lists that rest keep their memory", MEMORY),
+    ("taichi_cloth/backend/pages.py", "all(option(*each) == 1 for each in (MAP_FROM, KEEP_FREE))", "True",
+     "memory of large arrays stays", MEMORY),
+    ("taichi_cloth/system/held.py", "all(np.array_equal(", "any(np.array_equal(", "held particles that moved are the old ones",
+     LISTED),
+    ("taichi_cloth/system/state.py", "        self._known = self._known_saved\n", "", "a restored state is that of before",
+     LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
+    ("taichi_cloth/step/nonlinear/linear_system.py", "        self.model.moved()\n        self._place(",
+     "        self._place(", "the host knows places of before a solve",
+     LAYOUTS + "places_that_the_host_knows_are_those_of_the_device"),
+    (POINTS, "ti.max(begin, 1) + k - rhs.shape[0]", "begin + k - rhs.shape[0]",
+     "points behind those of a device are others", "tests/unit/test_device_points.py"),
 )

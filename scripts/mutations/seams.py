@@ -117,7 +117,7 @@ MUTATIONS = (
      "levels pull seams apart", CUT),
     (MULTI, "self.hats.z[n] = self.coarsest.solve(n, self.hats.r)",
      "self.hats.z[n] = sym_times(self.inverse_l[n], self.hats.r[n])", "the coarsest level is not solved", ITERATIONS),
-    (MULTI, "D += self.hat(n, i) ** 2 * self.seen(i, self.jacobi.block(i))", "pass",
+    (MULTI, "D += self.hats.particle_weight[k] ** 2 * self.seen(i, self.jacobi.block(i))", "pass",
      "hats that meet only a seam know one side of it", FEW_ITERATIONS),
     (COARSE, "self.drift.excess > self.worth or", "", "the coarsest level ages", FOUND_ANEW),
     (COARSE, " or self.drift.age >= OLD", "", "the coarsest level grows old", FOUND_ANEW),

@@ -132,6 +132,9 @@ class DeviceLists:
             ends[whole] += width
         return out
 
+    def rest(self) -> None:
+        """See `rows.Lists`: a device has no pages to give back."""
+
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """See `rows.Lists`."""
         self.grow()

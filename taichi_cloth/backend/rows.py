@@ -6,11 +6,12 @@ device a kernel hands over the rows that are asked for, not all that a field has
 
 import numpy as np
 
-from . import counting, field_pool, launches, runtime
+from . import counting, field_pool, launches, pages, runtime
 from .language import ti
 
 KINDS = {"f32": np.float32, "f64": np.float64, "i32": np.int32}  # of fields
 GROWTH = 1.5  # times the number that a piece turned out to write down, where that is more than there was room for
+RESTING = 1 << 22  # bytes of rows that lists keep while nobody needs these
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
 
 
@@ -162,6 +163,13 @@ class Lists:
     def handed_over(self) -> list[np.ndarray]:
         """The same, on the host in any layout."""
         return self.joined()
+
+    def rest(self) -> None:
+        """Nobody needs the rows any more: where they take much memory it is given back, until some are written again."""
+        row = sum(array.itemsize * array.shape[2] for array in self.arrays)  # bytes
+        if pages.GIVES_BACK and row * int(self.count.sum()) > RESTING:
+            for array in self.arrays:
+                pages.clear(array)
 
     def owned(self) -> tuple[np.ndarray, np.ndarray]:
         """(the piece of each row (k,), the rows (k, width) of the first column), where all fit."""

@@ -104,9 +104,10 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     if arch != "cpu" and not available(arch):
         others = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
-    from . import compiler, field_pool, kernel_cache, placement
+    from . import compiler, field_pool, kernel_cache, pages, placement
     from .language import ti
 
+    pages.map_large_arrays()
     wanted = Runtime(arch, precision, threads or there, debug, compiler.version(ti))
     seen = arch == "cpu" and field_pool.SEEN and not wanted.device
     if wanted == _current and (len(_holders) or field_pool.holds()):

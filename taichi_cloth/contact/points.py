@@ -7,7 +7,7 @@ right-hand side are worked out on the host, a few numbers a contact, by arithmet
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..backend.runtime import for_device
 from ..forces import conditions
 from ..forces.force import Force
 from ..system.state import ParticleState, touching
+from .device_points import DevicePoints, Resident
 
 CORNERS = 4
 EYE = np.array([1.0, 0, 0, 1, 0, 1])  # as symmetric blocks are kept: xx xy xz yy yz zz
@@ -38,6 +39,7 @@ class ContactRows:
         block: (k, 6) symmetric A [kg]: J^T A J is added to the system's matrix.
         rhs: (k, 3) r [kg m/s]: J^T r is added to its right-hand side.
         normal: (k, 3) n; rotation_coupling: (k, 4, 3) t. None for points that do not turn.
+        resident: those of them that a device has, too.
     """
 
     vertices: np.ndarray
@@ -46,6 +48,7 @@ class ContactRows:
     rhs: np.ndarray
     normal: np.ndarray | None = None
     rotation_coupling: np.ndarray | None = None
+    resident: Resident | None = None
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) how the points move where the particles move by rows (n, 3)."""
@@ -98,13 +101,16 @@ class ContactRows:
             return some[0]
         vertices, weights, block, rhs = (np.concatenate([getattr(p, name) for p in parts])
                                          for name in ("vertices", "weights", "block", "rhs"))
+        starts = np.cumsum([0] + [len(p.rhs) for p in parts])
+        resident = next((replace(p.resident, first=p.resident.first + int(start)) for p, start in zip(parts, starts)
+                         if p.resident is not None), None)
         if all(p.rotation_coupling is None for p in parts):
             return ContactRows(vertices, weights, block, rhs)
         zero = [np.zeros((len(p.rhs), CORNERS + 1, 3)) for p in parts]
         return ContactRows(vertices, weights, block, rhs,
                            np.concatenate([z[:, 0] if p.normal is None else p.normal for p, z in zip(parts, zero)]),
                            np.concatenate([z[:, 1:] if p.rotation_coupling is None else p.rotation_coupling
-                                           for p, z in zip(parts, zero)]))
+                                           for p, z in zip(parts, zero)]), resident)
 
 
 @dataclass(frozen=True)
@@ -198,6 +204,7 @@ class ContactForce(Force):
         self.most = MOST * model.n + SPARE
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
         self.exchange, self.device = model.exchange, for_device()
+        self._on_device = DevicePoints(self, CORNERS)
 
     def rounding_energy(self, d: float) -> float:
         """None: points have no energy of their own."""
@@ -247,7 +254,7 @@ class ContactForce(Force):
         self._use(len(e))
         if self.device:
             if len(e) or before:
-                self._hand_over(p, e, first)
+                self._on_device.put(p, e, first)
             return True
         write(self.first, first.astype(np.int32))
         write(self.vertices, p.vertices.take(e, axis=0).astype(np.int32))
@@ -266,40 +273,6 @@ class ContactForce(Force):
         """Takes all points out of the system."""
         if self.vertices.rows:
             self.set(ContactRows.none())
-
-    def _hand_over(self, p: ContactRows, entries: np.ndarray, first: np.ndarray) -> None:
-        """The same for a device: each point crosses over once, by one launch, though several blocks have it."""
-        if not len(entries):
-            self.first.fill(0)
-            return
-        columns = [p.weights, p.block, p.rhs]
-        if self.layered:
-            normal, t = p.normal, p.rotation_coupling
-            if normal is None or t is None:
-                normal, t = np.zeros((len(p.rhs), 3)), np.zeros((len(p.rhs), CORNERS, 3))
-            columns += [normal, t.reshape(-1, 3 * CORNERS)]
-        self._put(first.astype(np.int32), entries.astype(np.int32), p.vertices.astype(np.int32),
-                  np.concatenate(columns, axis=1).astype(self.exchange, copy=False))
-
-    @ti.kernel
-    def _put(self, first: ti.types.ndarray(), entries: ti.types.ndarray(), vertices: ti.types.ndarray(),
-             numbers: ti.types.ndarray()):
-        """Points vertices (k, 4) and numbers (k, .) into the rows of entries (e,), by blocks from first (blocks + 1,) on."""
-        for block in range(first.shape[0]):
-            self.first[block] = first[block]
-        for e in range(entries.shape[0]):
-            k = entries[e]
-            for c in ti.static(range(CORNERS)):
-                self.vertices[e][c], self.weights[e][c] = vertices[k, c], numbers[k, c]
-            for c in ti.static(range(6)):
-                self.A[e][c] = numbers[k, CORNERS + c]
-            for c in ti.static(range(3)):
-                self.rhs[e][c] = numbers[k, CORNERS + 6 + c]
-            if ti.static(self.layered):
-                for c in ti.static(range(3)):
-                    self.normal[e][c] = numbers[k, CORNERS + 9 + c]
-                for c in ti.static(range(3 * CORNERS)):
-                    self.rotation_coupling[e][c] = numbers[k, CORNERS + 12 + c]
 
     @ti.func
     def add_force(self, block, f: ti.template()):

@@ -61,6 +61,8 @@ def lay_on(model: ParticleState, layers: Layers, cloths: list[Cloth], fixed: np.
         cloths: of the scene; one with a higher `layer` is later.
         fixed: (k,) particles that scripts hold: they go as far as they should, since nothing moves them apart later.
     """
+    if sum(c.contact is not None for c in cloths) < 2:
+        return np.zeros(0, dtype=np.int64)
     mesh, detector = layers.detector.mesh, layers.detector
     order = np.argsort([c.contact.layer if c.contact else 0 for c in cloths], kind="stable")
     model.save()

@@ -65,7 +65,7 @@ class Hierarchy:
         start: the first node of each level, and behind them how many nodes there are.
         size: as kernels read them: nodes of the finest level, of all but the coarsest, of all.
         width: hats of a level that may be round a particle.
-        particles: of every node, the particles that its hat meets.
+        particles: of every node, the particles that its hat meets; particle_weight: its hat at these.
         r, z: the residual restricted to nodes, and the values of nodes.
     """
 
@@ -88,7 +88,9 @@ class Hierarchy:
         self.parent = fields.integer(max(inner, 1), width, np.concatenate(parents) if parents else np.zeros((1, width)))
         self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
             [a.parent_weight for a in made[:-1]]) if parents else np.zeros((1, width)))
-        self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
+        met = [gather(v.node, v.weight, v.count) for v in made]
+        self.particles = Rows(fields, met)
+        self.particle_weight = fields.real(sum(len(g.source) for g in met), data=np.concatenate([g.weight for g in met]))
 
     @ti.func
     def hat(self, n, i):

@@ -109,6 +109,7 @@ class Multilevel(Checkpointed):
         self.dealer = Dealer(fields, model.blocks, self.hats.start[-1])
         self.blocks = model.blocks.count
         self.inverse_l, self.summed = (fields.real(self.hats.start[-1], 6) for _ in range(2))
+        self.own = fields.real(model.n, 6)  # of particles, for all nodes that meet them: masses and contacts, as they are held
         self.age = Age()
         self.forces = operator.forces
         self.contact = next((f for f in self.forces if f.of_contact), None)
@@ -204,6 +205,11 @@ class Multilevel(Checkpointed):
     @ti.kernel
     def _make_levels(self, c: float, anew: int):
         """Inverts the nodes' diagonal blocks: elements, summed up `anew` or as they were, masses, and current contacts."""
+        for i in range(self.operator.model.rows()):
+            own = sym_scaled_identity(self.operator.model.m[i])
+            if ti.static(self.has_contact):
+                own += self.T[i]
+            self.own[i] = self.seen(i, own)
         self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
@@ -223,7 +229,7 @@ class Multilevel(Checkpointed):
             for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
                 i = self.hats.particles.source[k]
                 if self.jacobi.sewn.of[i] >= 0:
-                    D += self.hat(n, i) ** 2 * self.seen(i, self.jacobi.block(i))
+                    D += self.hats.particle_weight[k] ** 2 * self.seen(i, self.jacobi.block(i))
         for k in ti.static(range(len(self.forces))):
             D = self.forces[k].add_level_block(n, c, D, self)
         return D
@@ -233,11 +239,7 @@ class Multilevel(Checkpointed):
         """c_l B_l^-1 of a node; 0 if all that it meets is held."""
         D, out = self.summed[n], ti.Vector.zero(float, 6)
         for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
-            i = self.hats.particles.source[k]
-            own = sym_scaled_identity(self.operator.model.m[i])
-            if ti.static(self.has_contact):
-                own += self.T[i]
-            D += self.hat(n, i) ** 2 * self.seen(i, own)
+            D += self.hats.particle_weight[k] ** 2 * self.own[self.hats.particles.source[k]]
         size = D[0] + D[3] + D[5]
         if size > NOTHING:
             D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
@@ -274,7 +276,7 @@ class Multilevel(Checkpointed):
         """D + sum_i w_i^2 blocks_i over the particles i that node n's hat w meets and that are not held."""
         for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
             i = self.hats.particles.source[k]
-            w = self.hat(n, i)
+            w = self.hats.particle_weight[k]
             D += w * w * self.free(i) * blocks[i]
         return D
 

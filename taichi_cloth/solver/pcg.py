@@ -31,7 +31,8 @@ FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
 FUTILE = 0.75  # another restart follows only if the last one reduced the residual to less than this part
 ROUNDING = 8.0  # least residual, in roundings of A dv
-LOOK = 8  # iterations on a device that are launched between two reads of their state
+LOOK, LONGEST = 8, 32  # iterations on a device that are launched between two reads of their state: as many as the last solve
+# took, within these bounds. One in vain costs about as much as a read
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -143,7 +144,7 @@ class PCG(Recurrences):
         self._start(zero, *asked)
         done, following = 0, MULTIPLY
         while True:
-            group = min(LOOK, most - done) if following == MULTIPLY else 0
+            group = min(max(min(self.last - done, LONGEST), LOOK), most - done) if following == MULTIPLY else 0
             for _ in range(group):
                 self._step(*asked)
             if following == COPY or done + group >= min(self.last, most):

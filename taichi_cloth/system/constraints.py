@@ -73,13 +73,19 @@ class Filter:
 
     def __init__(self, fields: Fields, model: ParticleState, dv) -> None:
         self.model, self.dv, self.device = model, dv, for_device()
+        self._brought: Held | None = None
 
     def bring(self, held: Held) -> None:
-        """A device gets copies of held particles, once."""
-        if self.device and len(held.index) and not held.copies:
+        """A device gets copies of held particles, once; those of the last ones serve for others that are the same."""
+        if not self.device or not len(held.index) or held.copies:
+            return
+        if self._brought is not None and held.same(self._brought):
+            held.copies.extend(self._brought.copies)
+        else:
             kinds = np.int32, *(self.model.exchange,) * 3
             held.copies.extend(array(kind, *rows.shape) for kind, rows in zip(kinds, held.arrays))
             self._bring(held.index, held.projector, held.target, held.y, *held.copies)
+        self._brought = held
 
     @ti.kernel
     def _bring(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),

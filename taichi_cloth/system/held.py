@@ -37,6 +37,11 @@ class Held:
         """(index, projector, target, y) as kernels take them: on a device copies, where `Filter.bring` made these."""
         return tuple(self.copies) or (self.index, self.projector, self.target, self.y)
 
+    def same(self, other: "Held") -> bool:
+        """Whether others are these particles, held as they are."""
+        names = "index", "projector", "target", "y"
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
     @classmethod
     def of(cls, index: ArrayLike, projector: ArrayLike, target: ArrayLike, moving: bool, y: ArrayLike, dtype: type) -> "Held":
         """From arrays of any type; `dtype` is that of the compiled kernels."""

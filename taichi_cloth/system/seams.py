@@ -191,6 +191,7 @@ class Clusters:
     def settle(self, resolution: float) -> None:
         """Members that came together are put into one place; `resolution` [m] is the rounding of positions."""
         if self.led:
+            self.model.moved()
             self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:

@@ -188,6 +188,8 @@ class ParticleState:
         self.m = fields.real(self.n, data=self.mass)
         self.x_saved, self.v_saved, self.v_base, self.x_offset = (fields.real(self.n, 3) for _ in range(4))
         self.over = fields.real(1, data=np.zeros(1))
+        self._known: tuple[np.ndarray, np.ndarray] | None = None  # x and v that the host of a device has, where nothing moved
+        self._known_saved: tuple[np.ndarray, np.ndarray] | None = None  # since; the same of the saved state
 
     def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
         """Declares a field of n numbers, or of n vectors of `width` numbers, that steps change; before fields are allocated.
@@ -211,14 +213,20 @@ class ParticleState:
     def save(self) -> None:
         """Remembers the state, for `restore`."""
         self._save()
+        self._known_saved = self._known
         for part in self.remembered.values():
             part.save()
 
     def restore(self) -> None:
         """Goes back to the remembered state, bit for bit."""
         self._restore()
+        self._known = self._known_saved
         for part in self.remembered.values():
             part.restore()
+
+    def moved(self) -> None:
+        """Whoever launches a kernel that sets x or v says so."""
+        self._known = None
 
     @property
     def STATE(self) -> tuple[str, ...]:
@@ -259,9 +267,11 @@ class ParticleState:
         """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
         if not by_kernels():
             return _reals(self.x), _reals(self.v)
-        both: np.ndarray = np.empty((2, self.n, 3), dtype=self.exchange)
-        self._hand_over(both)
-        return both[0].astype(np.float64), both[1].astype(np.float64)
+        if self._known is None:
+            both: np.ndarray = np.empty((2, self.n, 3), dtype=self.exchange)
+            self._hand_over(both)
+            self._known = both[0].astype(np.float64), both[1].astype(np.float64)
+        return self._known[0].copy(), self._known[1].copy()
 
     @ti.kernel
     def _hand_over(self, both: ti.types.ndarray()):
@@ -272,7 +282,11 @@ class ParticleState:
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
         """(x, v) of the saved state, as `read_particles` gives the current one."""
-        return _reals(self.x_saved), _reals(self.v_saved)
+        if not by_kernels():
+            return _reals(self.x_saved), _reals(self.v_saved)
+        if self._known_saved is None:
+            self._known_saved = _reals(self.x_saved), _reals(self.v_saved)
+        return self._known_saved[0].copy(), self._known_saved[1].copy()
 
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
         """Sets positions [m] and velocities [m/s] from (n, 3) arrays in the user's order."""
@@ -280,8 +294,11 @@ class ParticleState:
 
     def write_particles(self, x: np.ndarray, v: np.ndarray) -> None:
         """Sets x [m] and v [m/s] from (n, 3) arrays as `read_particles` gives them, bit for bit."""
-        write(self.x, x.astype(self.exchange))
-        write(self.v, v.astype(self.exchange))
+        x, v = x.astype(self.exchange), v.astype(self.exchange)
+        write(self.x, x)
+        write(self.v, v)
+        if by_kernels():
+            self._known = x.astype(np.float64), v.astype(np.float64)
 
     def to_user(self, values: np.ndarray) -> np.ndarray:
         """(user's n, 3) float64 from (n, 3) in particle order; zero for vertices without a face."""

@@ -89,13 +89,13 @@ def test_cloths_that_are_not_in_one_place_stay_where_they_are():
 
 
 def test_looking_for_cloths_in_one_place_pairs_nothing_that_lies_apart():
-    """The room for candidates stays as it is made: 4 a face. All with all are 600,000, and were too many for a whole scene."""
+    """The room for candidates stays as it is made: 32 a face. All with all are 600,000, and too many in a whole scene."""
     mesh, scene = tc.grid(0.2, 13, centred=True), tc.Scene(gravity=None)
     for k in range(2):
         scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0.0, 0.1 * k, 0.0], contact=tc.ClothContact(T))
     with tc.Simulation(scene, h=1 / 60) as sim:
         found = sim.contacts.layers.detector.found.arrays[0]
-        assert np.prod(found.shape[:2]) < 5 * 2 * mesh.faces.shape[0], found.shape
+        assert np.prod(found.shape[:2]) < 33 * 2 * mesh.faces.shape[0], found.shape
 
 
 @pytest.mark.parametrize("shape, layers", [pytest.param("mesh", 2, marks=pytest.mark.slow), ("box", 2)])

@@ -367,6 +367,28 @@ def test_what_hits_does_not_pass(precision):
     sim.close()
 
 
+def test_pairs_are_compared_where_the_model_is():
+    """As if measured anew, after solves that went all of their way and after those that were cut short."""
+    scene, a, sim = two_sheets(0.05, (0.0, -6.0, 0.0), 0.2)
+    layers, parts = sim.contacts.layers, []
+    look, advance = layers.look, layers.advance
+
+    def looked() -> None:
+        look()
+        if layers.compared is not None:
+            assert (layers.compared.measured == layers._measure(layers.linearized)).all()
+
+    def advanced() -> float:
+        parts.append(advance())
+        return parts[-1]
+
+    layers.look, layers.advance = looked, advanced
+    for _ in range(5):
+        sim.step()
+    assert min(parts) < 1 and max(parts) == 1
+    sim.close()
+
+
 @pytest.mark.slow
 def test_the_same_twice_and_resumed():
     scene, a, sim = two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0))

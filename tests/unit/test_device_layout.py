@@ -131,6 +131,57 @@ def test_work_of_led_particles_and_errors_are_the_same(monkeypatch, integrator):
         assert errors_d == pytest.approx(errors, rel=1e-9) and min(errors) > 1e-6
 
 
+MOVES = {"Clusters._settle", "Filter.lead", "ParticleState._restore", "System._go_to_guess", "System._place", "System._shift",
+         "TRBDF2._base", "Verlet.lead", "Verlet.move"}  # who launches these tells the model: see `ParticleState.moved`
+
+
+def sets_places(node: ast.AST) -> bool:
+    """Whether it assigns to rows of x or v of a model."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AugAssign) else []
+    rows = [t.value for t in targets if isinstance(t, ast.Subscript)]
+    return any(isinstance(r, ast.Attribute) and r.attr in ("x", "v") and ast.unparse(r.value).endswith("model") for r in rows)
+
+
+def test_all_that_moves_is_known():
+    """By syntax: `ParticleState` is their owner, and names them `self`."""
+    found = set()
+    for path in PACKAGE.rglob("*.py"):
+        for owner in (n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ClassDef)):
+            for made in (n for n in owner.body if isinstance(n, ast.FunctionDef)):
+                mine = owner.name == "ParticleState" and "self.x[i] = " in ast.unparse(made)
+                if mine or any(map(sets_places, ast.walk(made))):
+                    found.add(f"{owner.name}.{made.name}")
+    assert found == MOVES
+
+
+@pytest.mark.parametrize("case", ["blown", "layered", "drawn", "explicit"])
+@pytest.mark.slow
+def test_places_that_the_host_knows_are_those_of_the_device(monkeypatch, case):
+    """They cross over where anything moved alone. Those of the saved state are known with them."""
+    monkeypatch.setenv(runtime.LAYOUT, "device")
+    given = {"integrator": {"drawn": "tr_bdf2", "explicit": "verlet"}.get(case, "backward_euler")}
+    sim = tc.Simulation({"blown": blown, "layered": layered}.get(case, drawn)(), h=1 / 100, **given)
+    model, asked = sim.model, []
+    for name, fields in (("read_particles", (model.x, model.v)), ("read_saved", (model.x_saved, model.v_saved))):
+        def checked(name=name, fields=fields):
+            known = getattr(type(model), name)(model)
+            asked.append(name)
+            assert all((a == read(field)).all() for a, field in zip(known, fields)), name
+            known[0][:] = np.nan  # a copy
+            return getattr(type(model), name)(model)
+
+        monkeypatch.setattr(model, name, checked)
+    for _ in range(3):
+        sim.step()
+    sim.model.restore()
+    assert np.isfinite(model.read_particles()[0]).all() and np.isfinite(model.read_saved()[0]).all() and len(asked) > 2
+    with counted() as counts:
+        for _ in range(3):
+            type(model).read_particles(model)
+    assert counts.waits == 0
+    sim.close()
+
+
 def test_a_report_of_many_blocks(rng):
     """Sums and largest numbers, also of negative ones, by as many groups and by more than there are rows."""
     run = runtime.start("cpu", "f64", 1)

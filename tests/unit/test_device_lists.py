@@ -163,6 +163,11 @@ def test_what_is_held_crosses_over_once(rng, monkeypatch):
     for copy, rows in zip(held.arrays, host):
         assert copy is not rows and (copy.to_numpy() == rows).all()
     assert replace(held, moving=False).arrays[1] is held.projector
+    same, moved = (Held.of(held.index, held.projector, held.target + by, True, held.y, np.float64) for by in (0.0, 0.1))
+    for other, waits in ((same, 0), (moved, 2), (held, 0)):
+        with counted() as counts:
+            hold.bring(other)
+        assert counts.waits == waits and (other.arrays[2].to_numpy() == other.target).all()
     monkeypatch.setenv(runtime.LAYOUT, "cpu")
     other = replace(held, moving=False)
     Filter(None, SimpleNamespace(exchange=np.float64), None).bring(other)

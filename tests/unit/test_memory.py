@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import mmap
+import os
 import pathlib
 import subprocess
 import sys
@@ -94,6 +95,7 @@ RESTARTS = """
 import ctypes
 import gc
 import mmap
+import os
 import pathlib
 import subprocess
 import sys
@@ -157,6 +159,41 @@ def test_rows_without_numbers_take_no_memory():
     rows.numbers(none)[...] = 2
     assert in_memory(rows.numbers(none)) >= rows.numbers(none).nbytes and (rows.numbers(none) == 2).all()
     fields.free()
+
+
+@pytest.mark.skipif(not pages.GIVES_BACK, reason="pages are given back on Linux")
+def test_lists_that_rest_take_no_memory():
+    """Where they are long; short ones stay as they are."""
+    width = rows.RESTING // 8 // (1 << 16)
+    long, short = rows.Lists(2, 1 << 16, [(width, np.float64)]), rows.Lists(2, 8, [(width, np.float64)])
+    for lists in (long, short):
+        lists.count[:] = lists.arrays[0].shape[1]
+        lists.arrays[0][...] = 3.0
+        lists.rest()
+    assert in_memory(long.arrays[0]) <= 4 * mmap.PAGESIZE and not long.arrays[0].any()
+    assert (short.arrays[0] == 3).all()
+
+
+SPARE = """
+import numpy as np
+from taichi_cloth.backend import pages
+print(int(pages.map_large_arrays()))
+resident = lambda: int(open("/proc/self/statm").read().split()[1]) * pages.mmap.PAGESIZE
+before, rows = resident(), [np.ones(1 << 19) for _ in range(12)]  # 4 MB each
+last = rows[-1]
+del rows
+print((resident() - before) >> 20)
+"""
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt") or not pages.GIVES_BACK, reason="glibc alone has the option")
+def test_memory_of_large_arrays_goes_back_with_them():
+    """One of twelve is left; where the environment says how memory is kept, all of it stays."""
+    for more, told, least, most in (({}, 1, 3, 8), ({"MALLOC_MMAP_THRESHOLD_": str(1 << 25)}, 0, 40, 60)):
+        done = subprocess.run([sys.executable, "-c", SPARE], capture_output=True, text=True, check=True,
+                              env={**os.environ, **more})
+        set_here, megabytes = map(int, done.stdout.split())
+        assert set_here == told and least <= megabytes <= most
 
 
 def test_numbers_are_cleared_to_their_ends():

@@ -29,6 +29,8 @@ from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
+ROOM, ROOM_ON_DEVICE = 32, 4  # candidates a face that lists have room for at first: at rest there are 23 where the thickness
+# is 2.5 spacings. On a CPU only those that are written take memory
 ROUNDING = 1e-4  # part by which distances may be off
 MANY = 0.1  # of all particles: if more were displaced by more than the skin, the translation most have in common is looked for
 SAMPLES = 256  # particles among which that is
@@ -201,7 +203,8 @@ class Candidates(Checkpointed):
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.dealer = Dealer(fields, model.blocks, self.chunks)
-        self.found = lists(self.chunks, -(-4 * m // self.chunks), [(3, np.int32)], stay=True)
+        room = ROOM if cpu else ROOM_ON_DEVICE
+        self.found = lists(self.chunks, -(-room * m // self.chunks), [(3, np.int32)], stay=True)
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
@@ -228,7 +231,9 @@ class Candidates(Checkpointed):
         while True:
             self._walk(*self.found.arrays, self.found.count)
             if not self.found.grow():
-                return self.known.of(self.found.joined(), self.exchange)
+                found = self.known.of(self.found.joined(), self.exchange)
+                self.found.rest()
+                return found
 
     @ti.kernel
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):

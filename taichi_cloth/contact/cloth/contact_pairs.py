@@ -166,12 +166,12 @@ class Comparison:
 
     Attributes:
         took: the former; near: the latter.
-        measured: (., j) numbers of the former there, see `pair_kernels`.
+        measured: (., j) numbers of the former there, see `pair_kernels`; none where their solve has led nowhere yet.
     """
 
     took: LinearizedPairs
     near: ContactPairs
-    measured: np.ndarray
+    measured: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
     def rows(self) -> np.ndarray:

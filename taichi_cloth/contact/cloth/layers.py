@@ -87,6 +87,7 @@ class Layers(Checkpointed):
         self.kept = EndedPairs()  # in the last accepted step
         self.linearized: LinearizedPairs | None = None
         self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
+        self._led: tuple[LinearizedPairs, np.ndarray] | None = None  # pairs, where their solve led them
         self.near = ContactPairs.none()  # where cloth was last looked at
         self.compared: Comparison | None = None  # those, and the ones that the last solve took
         self.predicted = nowhere  # positions at which an attempt's first solve has the pairs
@@ -142,10 +143,11 @@ class Layers(Checkpointed):
         taken, block, rhs = self.calls.linearize(
             p, weighed, rotation_coupling, self.start.h, self.start.c, int(not self.round), base, there, self._last_forces(p),
             rubbed, np.where(row < 0, slipped, np.inf), row, before)
-        points = ContactRows(p.vertices, p.weights, block, rhs, p.normal, rotation_coupling)
+        resident = self.calls.points(p, block, rhs, rotation_coupling)
+        points = ContactRows(p.vertices, p.weights, block, rhs, p.normal, rotation_coupling, resident)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:
-            self.compared = Comparison(self.linearized, p, self._measure(self.linearized))
+            self.compared = Comparison(self.linearized, p)
         self.round += 1
         if not self.intersections.active:
             return points
@@ -163,6 +165,8 @@ class Layers(Checkpointed):
         """Largest collision-free fraction of the last update."""
         self.detector.cover()
         part, self.blocking = self.detector.collision_free_step()
+        if part < 1:
+            self._led = None  # the model goes back
         return part
 
     def _energy(self, p: ContactPairs) -> float:
@@ -172,17 +176,20 @@ class Layers(Checkpointed):
     def look(self) -> None:
         """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
-        self.compared = None if self.linearized is None else Comparison(self.linearized, p, self._measure(self.linearized))
+        q, led, self._led = self.linearized, self._led, None
+        measured = led[1] if led is not None and led[0] is q else None if q is None else self._measure(q)
+        self.compared = None if q is None or measured is None else Comparison(q, p, measured)
         self.energy = self._energy(p)
         self.count = len(p.end)
         self.least = float(np.min(p.end / p.radius, initial=1.0))
 
     @timed
     def record_forces(self) -> None:
-        """Remembers the normal forces of the last solve; the model is at its end."""
+        """Remembers the normal forces of the last solve; the model is at its end. `advance` follows."""
         q = self.linearized
         assert q is not None
-        self.last_forces = np.maximum(q.repelled(self._measure(q)[pair_kernels.GAP]), 0.0)
+        self._led = q, self._measure(q)
+        self.last_forces = np.maximum(q.repelled(self._led[1][pair_kernels.GAP]), 0.0)
 
     @timed
     def settled(self) -> bool:

@@ -89,6 +89,7 @@ class LayerDetector(Candidates):
                              start, end, normal.astype(np.float64), factor, radius)
         if self.calls is not None and self.calls.resident:
             self.calls.took(found, self.reached.joined())
+        self.reached.rest()
         return found
 
     def apart(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from ...backend.device_arrays import Copies, Mirror, array
 from ...backend.language import ti
 from ...backend.runtime import for_device
+from ..device_points import Resident
 from .contact_pairs import ContactPairs
 from .pair_kernels import LED, TAKEN, WEIGHED, PairKernels
 
@@ -52,6 +53,10 @@ class PairCalls:
         if len(p.end):
             self._measure(p, coupling, taken, h, out)
         return out
+
+    def points(self, p: ContactPairs, block: np.ndarray, rhs: np.ndarray, coupling: np.ndarray) -> Resident | None:
+        """Pairs that were linearized as points of contact, where a device has them; else None."""
+        return None
 
     def _evaluate(self, p: ContactPairs, boost: np.ndarray, h: float, *out: np.ndarray) -> None:
         self.kernels.evaluate(*_columns(p), boost, h, *out)
@@ -102,7 +107,15 @@ class DevicePairCalls(PairCalls):
         of, made = self.copies.of, [array(self.exchange, *host.shape) for host in out]
         self.kernels.linearize(*self._there(p)[1:], of(weighed), of(coupling), *others[:-1], of(others[-1]), *made)
         self._give_linearized(*made, *out)
-        self.copies.keep(out[0], made[0])
+        for host, copy in zip(out, made):
+            self.copies.keep(host, copy)
+
+    def points(self, p: ContactPairs, block: np.ndarray, rhs: np.ndarray, coupling: np.ndarray) -> Resident | None:
+        """See `PairCalls`."""
+        copies, there = [self.copies.of(host) for host in (block, rhs, coupling)], self._there(p)
+        if there[1] is p.vertices or any(copy is host for copy, host in zip(copies, (block, rhs, coupling))):
+            return None
+        return Resident((there[1], there[2], *copies[:2], there[3], copies[2]), len(rhs))
 
     def _measure(self, p: ContactPairs, coupling: np.ndarray, taken: np.ndarray, h: float, out: np.ndarray) -> None:
         self.kernels.measure(*self._there(p)[1:4], self.copies.of(coupling), self.copies.of(taken), h, out)

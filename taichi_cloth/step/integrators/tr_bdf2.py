@@ -190,6 +190,7 @@ class TRBDF2(Checkpointed):
             start = replace(start, rate=self.rate)  # attachments may have changed
         middle = held_at(GAMMA * h)
         with clock.part("EVAL"):
+            self.model.moved()
             self._base(0, c, self.c, int(fresh))
             self.c, self.tried = 0.0, c
         first = minimize(Stage(system, c, middle, effort, True, clock, solutions), max(self.options.newton_max, 1))
@@ -197,6 +198,7 @@ class TRBDF2(Checkpointed):
             return replace(self._failed(first, "first stage", solutions, clock), measures=None)  # not at the step's end
         power, extra = self._reaction_power(middle, c, pins, GAMMA * h)
         with clock.part("EVAL"):
+            self.model.moved()
             self._base(1, c, 0.0, 0)
         held = held_at(h)
         stage = minimize(Stage(system, c, held, effort, False, clock, solutions), max(self.options.newton_max, 1))

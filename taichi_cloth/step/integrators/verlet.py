@@ -180,6 +180,7 @@ class Verlet(Checkpointed):
         if self.drag is not None:
             self.drag.set_wind(wind)
             self.drag.now = wind + steps * gust
+        self.model.moved()
         if self.together:
             self._together(h, steps, every, *gust, *pins, *ways)
             return

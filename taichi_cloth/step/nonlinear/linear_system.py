@@ -116,6 +116,7 @@ class System:
         if self.contacts is not None and held is not None:
             self.operator.correct_rhs_displacement(held.index, held.y)
         if self.base is not None:
+            self.model.moved()
             self._go_to_guess(c)
         return self.linearize(c, moves=self.base is None)
 
@@ -329,6 +330,7 @@ class System:
         """Puts held directions exactly at their targets, and particles sewn together in one place."""
         if held is not None:
             self.filter.bring(held)
+            self.model.moved()
             self.filter.lead(*held.arrays[:3], 0.0)
         if self.model.sewn is not None:
             self.model.sewn.settle(self.resolution)
@@ -342,17 +344,25 @@ class System:
         """RMS of the last solve's dv over the particles [m/s]."""
         return self.solver.rms
 
-    @ti.kernel
-    def place(self, h: float, part: float):
+    def place(self, h: float, part: float) -> None:
         """x = x_0 + part (r + h dv), r the operator's `rhs_displacement`; v such that x = x_base + h v, y apart"""
+        self.model.moved()
+        self._place(h, part)
+
+    def shift(self, c: float, part: float) -> None:
+        """v += part dv, x += part c dv"""
+        self.model.moved()
+        self._shift(c, part)
+
+    @ti.kernel
+    def _place(self, h: float, part: float):
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.model.v[i] = part * (self.model.v_base[i] + self.solver.dv[i]) - (1 - part) / h * self.model.x_offset[i]
             self.model.x[i] = self.model.x_saved[i] + part * (self.operator.rhs_displacement[i] + h * self.solver.dv[i])
 
     @ti.kernel
-    def shift(self, c: float, part: float):
-        """v += part dv, x += part c dv"""
+    def _shift(self, c: float, part: float):
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.model.v[i] = self.model.v[i] + part * self.solver.dv[i]
