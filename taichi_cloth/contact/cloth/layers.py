@@ -303,7 +303,7 @@ class Layers(Checkpointed):
         gap, tight = p.end / p.radius, near & (led | self.intersections.resting[p.vertices].any(axis=1))
         if not tight.any() or gap[tight].min() > gap[near].min():
             return False
-        self.intersections.release(p.vertices[tight].ravel())
+        self.intersections.lead_apart(p, tight)
         self._let_rest()
         return True
 
