@@ -93,6 +93,7 @@ class Flypaper(Checkpointed):
         possible: whether a scene's solids can close on each other, or on themselves, at all: two of which one moves, or one
             that deforms.
         accepted: as of the last accepted step; trial: of this attempt.
+        order: of layers of cloth between the surfaces, or None where cloth does not meet cloth.
         where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
         target: (k, 3) where they are led [m]; led: (k,) whether they are, and not held by a script; forces: (k, 3) [N] that it
             took in the last solve.
@@ -207,7 +208,7 @@ class Flypaper(Checkpointed):
         most = SLOWLY * start.h + np.abs(np.einsum("ki,ki->k", across, b.motion - a.motion)) / 2
         shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
         out = start.x[both.index] + mean + shift[:, None] * across
-        if self.order is None:
+        if self.order is None or not len(both.index):
             return out
         return out + np.clip(self.order.shift(start.x, both.index, out, across), -most, most)[:, None] * across
 
