@@ -99,9 +99,9 @@ def near(path: object) -> str:
     return f"; did you mean {str(place.parent / found[0])!r}?" if found else ""
 
 
-def many(count: int, noun: str) -> str:
-    """A count with its noun: "1 step", "3 steps"."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+def many(count: int, noun: str, several: str = "") -> str:
+    """A count with its noun: "1 step", "3 steps"; `several` is a plural that is not the noun's with an s."""
+    return f"{count:,} {noun if count == 1 else several or noun + 's'}"
 
 
 def shown(value: object, most: int = 60) -> str:
