@@ -137,8 +137,8 @@ MUTATIONS = (
     ("taichi_cloth/contact/solid/tree.py", "ti.max(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) < low[d]",
      "ti.max(p[d], q[d], r[d]) < low[d]", "a triangle is looked at where it starts only",
      "tests/unit/test_swept_detection.py::test_edges_and_corners_that_come_near_are_found"),
-    (START, "    model.save()\n    detector.paths.begin()", "    detector.paths.begin()", "before its start cloth is found to come "
-     "from one point", f"{STARTS}::test_looking_for_cloths_in_one_place_pairs_nothing_that_lies_apart"),
+    (START, "    model.save()\n    detector.paths.begin()", "    detector.paths.begin()",
+     "before its start cloth is found to come from one point", f"{STARTS}::test_looking_for_cloths_in_one_place_pairs_nothing_that_lies_apart"),
     (START, "ONE = 1e-3", "ONE = 0.0", "two cloths in one place have no order",
      "tests/physics/test_near_starts.py::test_of_two_cloths_in_one_place_the_later_one_lies_on_the_other"),
     (START, "x[moved] += by[:, None]", "x[moved] -= by[:, None]", "the later of two cloths in one place lies under the other",
