@@ -1,5 +1,6 @@
 """Named failures. Each message names the culprit and the way out."""
 
+import dataclasses
 import difflib
 import itertools
 import pathlib
@@ -27,6 +28,10 @@ class NameUnknown(SceneError, KeyError):
     """A name that is in no table, such as a fabric's."""
 
     __str__ = Exception.__str__  # a KeyError would show the message's repr
+
+
+class AttributeRefused(SceneError, dataclasses.FrozenInstanceError):
+    """An attribute that an object does not have, or that does not change."""
 
 
 class BackendError(ClothError, RuntimeError):
@@ -71,9 +76,16 @@ def warn(said: str) -> None:
 def did_you_mean(name: object, choices: Iterable[object]) -> str:
     """A half-sentence for an error about an unknown name: the nearest right one and all there are."""
     names = sorted({str(c) for c in choices})
-    near = difflib.get_close_matches(name[:100], names, n=1, cutoff=0.5) if isinstance(name, str) else None
-    hint = f"did you mean {near[0]!r}? " if near else ""
+    near = nearest(name, names) if isinstance(name, str) else None
+    hint = f"did you mean {near!r}? " if near else ""
     return f"{hint}known: {', '.join(names) or 'none'}"
+
+
+def nearest(name: str, names: Iterable[str], cutoff: float = 0.5) -> str | None:
+    """The one of some names that is most like a wrong one; capitals count less than letters."""
+    small = {known.lower(): known for known in reversed(list(names))}
+    found = difflib.get_close_matches(name[:100].lower(), small, n=1, cutoff=cutoff)
+    return small[found[0]] if found else None
 
 
 def near(path: object) -> str:
@@ -87,9 +99,9 @@ def near(path: object) -> str:
     return f"; did you mean {str(place.parent / found[0])!r}?" if found else ""
 
 
-def many(count: int, noun: str) -> str:
-    """A count with its noun: "1 step", "3 steps"."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+def many(count: int, noun: str, several: str = "") -> str:
+    """A count with its noun: "1 step", "3 steps"; `several` is a plural that is not the noun's with an s."""
+    return f"{count:,} {noun if count == 1 else several or noun + 's'}"
 
 
 def shown(value: object, most: int = 60) -> str:

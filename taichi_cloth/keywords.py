@@ -3,7 +3,6 @@
 Python itself suggests the nearest from 3.13 on.
 """
 
-import difflib
 import functools
 import inspect
 import re
@@ -12,13 +11,18 @@ import types
 from collections.abc import Callable
 from typing import Any
 
+from .attributes import guard
+from .errors import nearest
+
 REFUSED = re.compile(r"([\w.<>]+)\(\) got an unexpected keyword argument '(\w+)'$")
 MARK = "__suggests__"
 OWNERS = 3  # that a sentence names
+LIKE = 0.6  # a keyword, to be suggested
 
 
 def suggesting(found: Any) -> Any:
-    """A public function with errors that suggest. A class gets such methods, with its bases and its subclasses so far."""
+    """A public function with errors that suggest. A class gets such methods, with its bases and its subclasses so far, and
+    one of a description refuses unknown attributes."""
     if isinstance(found, types.FunctionType):
         return _wrapped(found)
     if isinstance(found, type) and not issubclass(found, Exception):
@@ -31,6 +35,8 @@ def suggesting(found: Any) -> Any:
 def _change(one: type) -> None:
     """Wraps the public methods of a class."""
     setattr(one, MARK, True)
+    if one.__module__.startswith(f"{__package__}.scene."):
+        guard(one)
     for name, made in list(vars(one).items()):
         inner = made.__func__ if isinstance(made, classmethod) else made
         if isinstance(inner, types.FunctionType) and (name == "__init__" or not name.startswith("_")):
@@ -53,10 +59,23 @@ def _wrapped(function: types.FunctionType) -> Callable:
         except TypeError as error:
             if options:
                 _suggest(error, function, options)
+            _name_as_called(error, function, args)
             raise
 
     setattr(inner, MARK, True)
     return inner
+
+
+def _name_as_called(error: TypeError, function: Callable, args: tuple[Any, ...]) -> None:
+    """Names a method in an error about its arguments by the object's class, not by the base that has it, and a class by its
+    name alone."""
+    where, call = function.__qualname__ + "()", f"{function.__name__}()"
+    if args and "." in where and str(error).startswith(where):
+        kind = args[0] if isinstance(args[0], type) else type(args[0])
+        public = sys.modules[__package__]._WHERE
+        name = next((k.__name__ for k in kind.__mro__ if k.__name__ in public), kind.__name__)
+        called = f"{name}()" if call == "__init__()" else f"{name}.{call}"
+        error.args = (called + str(error)[len(where):],)
 
 
 def _suggest(error: TypeError, function: Callable, options: dict[str, Any]) -> None:
@@ -71,10 +90,10 @@ def _suggest(error: TypeError, function: Callable, options: dict[str, Any]) -> N
     refused = function if said[1] == function.__qualname__ else seen.get(said[1].removesuffix(".__init__"))
     if not callable(refused):
         return
-    near = difflib.get_close_matches(said[2], list(inspect.signature(refused).parameters), n=1)
+    near = nearest(said[2], inspect.signature(refused).parameters, LIKE)
     owners = [] if near else _takers(said[2])
     if near:
-        error.args = (f"{error}. Did you mean {near[0]!r}?",)
+        error.args = (f"{error}. Did you mean {near!r}?",)
     elif owners:
         error.args = (f"{error}. It is one of {', '.join(f'tc.{name}' for name in owners)}",)
 

@@ -219,6 +219,8 @@ MUTATIONS = (
      "what is pinched presses what solids hold", BESIDE),
     (CONTACT + "cloth/layers.py", "(self.waived | held)[p.vertices].all(axis=1)", "True",
      "what is free let go by a pinch", BESIDE),
+    (CONTACT + "cloth/layers.py", "if self.waived.any():\n", "if False:\n",
+     "what solids squeeze is let go and goes through", BESIDE),
     (CONTACT + "cloth/untangle.py", "bincount(one, ~sewn[four].any(axis=1))", "bincount(one)",
      "tangles of pleats are large", UNIT + "test_a_tangle_is_as_large_as_what_crosses_away_from_seams"),
     (NONLINEAR + "layer_contact.py", "k > LATER and self.layers.release_beside(contacts.solids.holds())", "False",

@@ -58,6 +58,7 @@ TRIANGLES = "taichi_cloth/contact/geometry.py"
 ROWS = "taichi_cloth/contact/points.py"
 ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
+STACK = "taichi_cloth/contact/stack_order.py"
 PINCH, SIDES = "taichi_cloth/contact/solid/pinch.py", "taichi_cloth/contact/solid/facing.py"
 LAYERS = "taichi_cloth/contact/cloth/layers.py"
 START, GROWTH = "taichi_cloth/contact/settle.py", "taichi_cloth/contact/growth.py"
@@ -184,6 +185,13 @@ MUTATIONS = (
     (SURFACES, "if gone.norm() > 1e-3 * thick:", "if gone.norm() > 1e3 * thick:", "edges of meshes are hit as faces", SWEPT),
     ("taichi_cloth/contact/solid/pinch.py", "friction=self.rubs)", "friction=0 * self.rubs)", "what is gripped creeps",
      "tests/physics/test_contact_laws.py::test_law[grip-slip]"),
+    (STACK, "np.where(row >= 0, self.side[row], out)", "out", "layers that went through in a pinch stay so",
+     "tests/unit/test_stack_order.py"),
+    (STACK, 'STATE = ("key", "side")', "STATE = ()", "sides of pinched layers forgotten on resume",
+     "tests/unit/test_stack_order.py"),
+    (STACK, "side * f.gap", "f.gap", "pinched layers are led to their faces' fronts", "tests/unit/test_stack_order.py"),
+    (PINCH, "out + np.clip(self.order", "out + 0 * np.clip(self.order", "shares of pinched layers set their order",
+     f"{CLOSING}::test_layers_whose_shares_of_the_room_are_the_wrong_way_round_come_out_in_order"),
     ("taichi_cloth/contact/solid/active_set.py", "rcond=APART / 2)", "rcond=None)",
      "near normals share a force as if far apart",
      "tests/physics/test_solid_contact.py::test_a_run_is_resumed_in_contact_bit_for_bit"),
@@ -369,7 +377,8 @@ MUTATIONS = (
      "each side bears all that the pinched take", BETWEEN),
     (RESPONSE, 'STATE = ("accepted", "penetration", "pinches", ', 'STATE = ("accepted", "penetration", ',
      "what solids close on is not resumed", BETWEEN),
-    (RESPONSE, "        self.pinches.commit()\n", "", "what was pinched is looked for afresh", ARM),
+    (RESPONSE, "        self.pinches.commit(self.model.read_particles()[0])\n", "",
+     "what was pinched is looked for afresh", ARM),
     (RESPONSE, "self.penetration.spare(np.flatnonzero(self.pinches.around))", "pass", "what was freed may not be inside", ARM),
     (RESPONSE, "        self.pinches.clear()\n", "", "what was pinched stays so when the state is changed", PINCHED),
     (FACADE, "len(self.solids.pinches.accepted.index) > 0 or layered", "layered",

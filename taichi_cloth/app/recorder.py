@@ -1,6 +1,8 @@
 """Recording a simulation from Python: the folder that `taichi-cloth run` leaves, for one that a script or a notebook made."""
 
 import os
+import sys
+import time
 from collections.abc import Callable
 
 from .. import checks
@@ -11,13 +13,15 @@ from ..scene.reading import only_described
 from ..simulation import Simulation
 from .running import run
 from .runoptions import RunOptions
-from .summary import described
+from .summary import describe, described
 
 
 def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float = 30.0,
            on_frame: Callable[[Simulation, int], None] | None = None, overwrite: bool = False,
            checkpoint_every: int = 10, name: str = "python") -> Recording:
     """Runs a simulation from where it is, as `sim.run` does, and keeps every frame in a folder.
+
+    Progress, and the last lines of `taichi-cloth run`, go to the standard error.
 
     Args:
         out: the folder; one with another run's files is refused.
@@ -45,5 +49,9 @@ def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float 
                          checkpoint_every=checks.integer("record: checkpoint_every", checkpoint_every, least=0))
     manifest = {**described(sim, duration, fps, None), "scene": checks.name("record: name", name), "path": None,
                 "source": None, "settings": {}, "begins": sim.time}
-    run(sim, options, RunFolder(folder_path, options.overwrite), manifest, on_frame)
-    return Recording(folder_path)
+    began, start = time.perf_counter(), sim.time
+    run(sim, options, RunFolder(folder_path, options.overwrite), manifest, on_frame, began=began)
+    recording = Recording(folder_path)
+    spent = recording.manifest.get("output_seconds")
+    print(describe(sim, time.perf_counter() - began, start, str(folder_path), spent=spent), file=sys.stderr)
+    return recording

@@ -5,10 +5,12 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from ..backend.interrupts import noted
+from ..backend.timing import compiling
 from ..errors import ClothError, OutputError, SimulationError
 from ..output.folder import FRAMES, RunFolder
 from ..recording import record
@@ -109,7 +111,7 @@ class Writer:
     """Writes a run's frames, pictures, telemetry and checkpoints, and counts the time that this takes.
 
     Attributes:
-        seconds: wall time of drawing and of writing; pictures: those that it draws.
+        seconds: wall time of drawing and of writing, without first launches of kernels; pictures: those that it draws.
     """
 
     def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
@@ -131,11 +133,18 @@ class Writer:
 
     def write(self, frame: int) -> None:
         """The frame at which the simulation now is."""
+        arrays, files = self._timed("draw", lambda: self._drawn(frame))
+        self._timed("write", lambda: self._write(frame, arrays, files))
+
+    def _timed(self, part: str, does: Callable[[], Any]) -> Any:
+        """What a call returns; the seconds that it takes are added to a part's."""
+        begun, built = time.perf_counter(), compiling.seconds
+        out = does()
+        self.seconds[part] += time.perf_counter() - begun - (compiling.seconds - built)
+        return out
+
+    def _write(self, frame: int, arrays: dict[str, np.ndarray], files: dict[str, bytes]) -> None:
         sim, folder = self.sim, self.folder
-        begun = time.perf_counter()
-        arrays = record.frame(sim)
-        files = self._draw(arrays, frame)
-        drawn = time.perf_counter()
         for ending, data in files.items():
             folder.write_image(frame, data, ending)
         if self.options.frames:
@@ -146,8 +155,6 @@ class Writer:
         every = self.options.checkpoint_every
         if every and frame % every == 0:
             self._keep_state()
-        self.seconds["draw"] += drawn - begun
-        self.seconds["write"] += time.perf_counter() - drawn
 
     def follow(self, sim: Simulation) -> None:
         """Another simulation goes on with the run; its cloth may be of another fabric."""
@@ -161,8 +168,12 @@ class Writer:
             self.folder.write_checkpoint(self.written, self.sim.checkpoint(), self.run)
             self.kept_state = self.written
 
+    def _drawn(self, frame: int) -> tuple[dict[str, np.ndarray], dict[str, bytes]]:
+        """(the frame's arrays, its pictures by their files' endings)."""
+        arrays = record.frame(self.sim)
+        return arrays, self._draw(arrays, frame)
+
     def _draw(self, arrays: dict[str, np.ndarray], frame: int) -> dict[str, bytes]:
-        """The frame's pictures by their files' endings."""
         if self.artist is None or self.framing is None or frame not in self.options.drawn:
             return {}
         from ..recording.drawing import Extras, files_of

@@ -139,12 +139,13 @@ def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None =
              f"{many(s['contacts'], 'contact')}")
     layers = ""
     if sim.contacts is not None and sim.contacts.layers is not None:
-        counted = "not counted" if s["intersections"] is None else f"at most {s['intersections']}"
-        if sim.log and sim.log[-1].intersections is not None:
+        crossings = s["known_intersections"] if s["intersections"] is None else s["intersections"]
+        counted = f"in at most {many(crossings, 'place')}" if crossings else "nowhere"
+        if crossings and sim.log and sim.log[-1].intersections is not None:
             counted += f", {sim.log[-1].intersections} at the end"
-        layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['min_gap_ratio']:.2f} "
-                  f"thicknesses; cloth through cloth {counted} (contact knows of at most {s['known_intersections']}), "
-                  f"pinched {s['pinched']}\n")
+        squeezed = f", at most {many(s['pinched'], 'vertex', 'vertices')} squeezed between solids" if s["pinched"] else ""
+        layers = (f"layers: at most {many(s['layers'], 'pair')} of cloth in contact, nearest at {s['min_gap_ratio']:.2f} of "
+                  f"the distance that they keep; cloth through cloth {counted}{squeezed}\n")
     crossed = sim.last.known_intersections if sim.last else 0
     trouble = _trouble(s, sim.tally.largest_h or 0.0, out, crossed) + (_detail(s) if verbose else "")
     return (f"model: {model}, largest stretch {s['largest_stretch']:.3f}\n{layers}{_seams(sim)}{_tears(sim)}{trouble}"

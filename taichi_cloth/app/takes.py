@@ -4,6 +4,7 @@ The frames up to there are the run's, by hard links where the file system has th
 a scene of its own, with options between the old ones and the new. It goes on from the state at the end of the frame before.
 """
 
+import functools
 import os
 import pathlib
 import shutil
@@ -21,6 +22,8 @@ from ..scene.scene import Scene
 from ..simulation import Simulation
 from .running import Change
 from .scenefile import SceneFile
+
+Ends = Callable[[], tuple[Scene, Scene]]
 
 
 @dataclass(frozen=True)
@@ -56,15 +59,16 @@ class Take:
         """Part of the change that is reached from a frame to the next, 0 to 1."""
         return min(max((frame - self.frame + 1) / max(self.blend, 1), 0.0), 1.0)
 
-    def scene(self, scene_file: SceneFile, settings: dict[str, object], frame: int) -> Scene:
-        """The scene from a frame to the next."""
+    def scene(self, scene_file: SceneFile, settings: dict[str, object], frame: int, ends: Ends | None = None) -> Scene:
+        """The scene from a frame to the next; ends: makes the scenes that it is between, anew if None."""
         share = self.share(frame)
         if share in (0.0, 1.0):
             return scene_file.make(settings if share else self.was)
         first, last = (scene_file.settings(of) for of in (self.was, settings))
         between = {name: a + share * (b - a) for name, b in last.items()
                    if isinstance(b, float) and isinstance(a := first.get(name), float)}
-        return blend(scene_file.make(last | between), scene_file.make(first), scene_file.make(last), share)
+        was, becomes = ends() if ends else (scene_file.make(first), scene_file.make(last))
+        return blend(scene_file.make(last | between), was, becomes, share)
 
     def changes(self, scene_file: SceneFile, settings: dict[str, object], simulation: dict[str, Any], resumed: int
                 ) -> list[Change]:
@@ -73,8 +77,13 @@ class Take:
         if not frames or scene_file.settings(settings) == scene_file.settings(self.was):
             return []
 
+        @functools.cache
+        def ends() -> tuple[Scene, Scene]:
+            first, last = (scene_file.make(scene_file.settings(of)) for of in (self.was, settings))
+            return first, last
+
         def change(frame: int) -> Callable[[Simulation], Simulation]:
-            return lambda sim: _going_on(sim, self.scene(scene_file, settings, frame), simulation)
+            return lambda sim: _going_on(sim, self.scene(scene_file, settings, frame, ends), simulation)
 
         return [(k, change(k)) for k in frames]
 

@@ -17,6 +17,7 @@ from .points import ContactForce, ContactRows, Pushes
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
+from .stack_order import StackOrder
 from .step_start import ForcingTerms, StepContext
 
 AGREED = 0.001  # tolerance of the residual of contacts, in parts of all impulses (weight, contacts, pins, changes of
@@ -56,6 +57,8 @@ class Contacts(Checkpointed):
         nowhere = np.zeros((model.n, 3))
         self.start, self.base = StepContext(h, h, nowhere, nowhere), (nowhere, nowhere)
         self.solids = SolidContacts(fields, model, scene, self.start)
+        if self.layers is not None and self.solids.pinches.possible:
+            self.solids.pinches.order = StackOrder(self.layers.detector.mesh, model.n)
         self.detector = self.solids.detector
         self.balance = Balance(self.solids, nowhere)
         self.found: Found | None = None

@@ -1,5 +1,6 @@
 """Solids from files: one mesh, a sequence of positions with one topology, or the parts of a scene as they move."""
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from .animation.surface import joined, mended, same_places
 from .floor import floor_note
 
 NAMED = 4  # clips that a sentence names
+WHOLE = (".glb", ".fbx", ".usdz")  # files that need no others
 
 
 class Loaded(NamedTuple):
@@ -113,9 +115,24 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
 
 
 def _scene(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: float) -> tuple[Loaded, float, str]:
-    """A file with a scene, metres of its unit, and its axis that points up."""
+    """A file with a scene, metres of its unit, and its axis that points up. The last file stays in memory, if all of it is
+    in one: a take that blends options in, or a page with sliders, builds its scene many times."""
     if not path.is_file():
         raise MeshError(f"no such file: {path}{near(path)}")
+    if path.suffix.lower() not in WHOLE:
+        return _scene_of(path, choice, merge, weld, scale)
+    about = path.stat()
+    return _last_scene(path.resolve(), about.st_mtime_ns, about.st_size, path, choice, merge, weld, scale)
+
+
+@functools.lru_cache(maxsize=1)
+def _last_scene(file: Path, changed: int, size: int, path: Path, choice: Wanted, merge: bool, weld: float | None,
+                scale: float) -> tuple[Loaded, float, str]:
+    """`_scene_of`, of a file as it is."""
+    return _scene_of(path, choice, merge, weld, scale)
+
+
+def _scene_of(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: float) -> tuple[Loaded, float, str]:
     motion = read_motion(path, choice)
     try:
         made = joined(motion, merge, None if weld is None else weld / (scale * motion.unit))

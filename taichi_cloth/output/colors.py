@@ -27,15 +27,16 @@ def heat_colors(values: np.ndarray, low: float, high: float, diverging: bool) ->
 
 
 def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label: str) -> None:
-    """A colour bar with its ends and a label in the lower left corner of an image (h, w, c)."""
+    """A colour bar with its ends and a label in the lower left corner of an image (h, w, c). What is beyond an end has its
+    colour, which the bar says of all ends but 0."""
     scale = max(1, image.shape[0] // 360)
     width, height, edge = min(220 * scale // 2 * 2, image.shape[1] - 20), 8 * scale, 10 * scale
     row = image.shape[0] - edge - height - (HEIGHT + 3) * scale
     ramp = to_srgb(heat_colors(np.linspace(low, high, width), low, high, diverging))
     image[row: row + height, edge: edge + width] = ink(ramp, image)[None]
     draw_text(image, label, edge, row - (HEIGHT + 3) * scale, scale)
-    draw_text(image, f"{low:.3g}", edge, row + height + 3 * scale, scale)
-    right = f"{high:.3g}"
+    draw_text(image, "0" if low == 0 else f"{low:.3g} or less", edge, row + height + 3 * scale, scale)
+    right = "0" if high == 0 else f"{high:.3g} or more"
     draw_text(image, right, edge + width - text_width(right, scale), row + height + 3 * scale, scale)
 
 

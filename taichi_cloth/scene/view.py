@@ -107,7 +107,8 @@ class View:
             nothing comes lower in all frames; else it is below all of them, by a twentieth of the size at the start.
         reach: room [m] that the cloth will need round its first shape, for the fitted camera.
         floor: the ground: "checker", "plain", "shadow" (nothing but the shadows on it), "none", or a colour. None is
-            "none" where the background is transparent, "plain" in the lights "studio" and "soft", "checker" elsewhere.
+            "none" where the background is transparent, "shadow" where it is a colour, "plain" in the lights "studio" and
+            "soft", "checker" elsewhere.
         background: "sky", "transparent" or a colour. Colours are names of CSS, "#rrggbb" in sRGB, or linear RGB.
         light: direction towards the key light of the day, or lights by name. "day"; "studio": a large light, one that fills
             shadows and one from behind, round the camera; "sun": low, warm, hard shadows; "soft": an overcast sky alone.
@@ -133,7 +134,9 @@ class View:
         """The floor, decided."""
         if self.floor is not None:
             return self.floor
-        return "none" if self.background == "transparent" else "plain" if self.light in ("studio", "soft") else "checker"
+        if self.background != "sky":
+            return "none" if self.background == "transparent" else "shadow"
+        return "plain" if self.light in ("studio", "soft") else "checker"
 
 
 def direction(what: str, value: object) -> tuple[float, float, float]:

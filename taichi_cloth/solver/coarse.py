@@ -165,8 +165,8 @@ class Coarse(Checkpointed):
             self.span = 0.0
             return np.zeros(A.shape)
         if not self._told:
-            self._tell(f"preconditioner: {left} of {len(A)} directions of its coarsest level cannot be solved for, and are "
-                       "left to the finer ones: solves may take longer")
+            self._tell(f"solver: its coarsest level leaves {left} of {len(A)} directions to the finer ones, as under layers "
+                       "that press hard: solves may take longer, and are no less exact")
         self._told = True
         return out
 

@@ -91,7 +91,9 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
         state = {"contacts.layers.shift.parts": np.zeros_like(state["contacts.layers.adaptive_stiffness.scale"]), **state}
     if "contacts.solids.pinches.accepted.index" in state:
         pinched = len(state["contacts.solids.pinches.accepted.index"])
-        state = {"contacts.solids.pinches.accepted.friction": np.zeros((pinched, 3)), **state}
+        state = {"contacts.solids.pinches.accepted.friction": np.zeros((pinched, 3)),
+                 "contacts.solids.pinches.order.key": np.zeros(0, dtype=np.int64),  # by 16
+                 "contacts.solids.pinches.order.side": np.zeros(0), **state}
     spared = state.get(f"{PENETRATION}.spared")
     if spared is not None:  # and where cloth is looked for inside solids
         state = {f"{PENETRATION}.across": np.zeros(len(spared), dtype=bool), f"{PENETRATION}.sought": spared > 0, **state}

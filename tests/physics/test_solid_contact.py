@@ -109,8 +109,8 @@ def test_what_begins_to_slide_is_dragged_along(integrator):
 
 
 def test_a_force_that_begins_with_a_run_is_not_late():
-    """A floor goes off at 3 mu g: the sheet that lies on it slides with mu g from the first step on. With its friction left out of
-    what goes on, as that of an impact, it would lag by half a step."""
+    """A floor goes off at 3 mu g: the sheet that lies on it slides with mu g from the first step on. Without its friction in
+    what goes on, as after an impact, it would lag by half a step."""
     mu = 0.3
     scene, _ = over(6, height=0.004)
     scene.add_solid(tc.Plane(), friction=mu, thickness=0.004, position=lambda t: (1.5 * mu * G * t**2, 0.0, 0.0))

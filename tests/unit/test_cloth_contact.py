@@ -572,6 +572,8 @@ def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
     assert not layers.release_beside(nothing) and gaps().min() == before.min()  # what is, is not the nearest
     rest(np.concatenate([edge, other]))  # the other side rests too, with room enough
     assert layers.release_beside(nothing)
+    parting = layers.intersections.parting[0]
+    assert len(parting) == 0, "a tangle leads its edges out of triangles"
     after = gaps()
     assert (after[edge] > before[edge] + 0.01).all()
     far = before > 0.35
@@ -583,6 +585,10 @@ def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
     assert gaps()[edge] == pytest.approx(before[edge])
     assert not layers.release_beside(nothing)  # the other side goes where it is pushed
     assert layers.release_beside(below) and (gaps()[edge] > before[edge] + 0.01).all()
+    vertices, weights, normal, radius = layers.intersections.parting
+    assert np.isin(particle[edge], vertices).all(), "what solids squeeze is led apart"
+    high = np.einsum("ka,kai,ki->k", weights, sim.positions()[np.argsort(particle)][vertices], normal)
+    assert (high > 0).all() and high.min() < 0.2 * radius.max()
     layers.waive(nothing, np.zeros(0, dtype=int))
     rest(edge)
     layers.least_before = -1.0  # it was nearer before the step

@@ -101,7 +101,7 @@ def test_a_checkpoint_of_versions_before_is_understood():
             sim.resume(before)
             sim.step()
             assert (sim.positions() == x).all()
-        with pytest.raises(tc.SceneError, match="version 10, .* from versions 11 to 15"):
+        with pytest.raises(tc.SceneError, match="version 10, .* from versions 11 to 16"):
             sim.resume({**old, "version": np.array(10)})
 
 
@@ -111,7 +111,7 @@ def test_names_of_version_13_are_read_as_they_are_now():
            "contacts.foresight.rounds": 4, "integrator.accurate.debt": 5, "force.Own.0.was": 6, "particles.boost": 7,
            "contacts.layers.detector.paths.walked": 8}
     now = understood({"version": np.array(13), **old}, "safe", ["Own.0"])
-    assert now.pop("version") == VERSION == 15 and now.pop("contacts.layers.shift.parts") == 0
+    assert now.pop("version") == VERSION == 16 and now.pop("contacts.layers.shift.parts") == 0
     assert list(now) == ["contacts.layers.least_before", "contacts.layers.adaptive_stiffness.scale",
                          "contacts.solids.thickness_ramp.part", "contacts.forcing_terms.rounds",
                          "integrator.accurate.accumulated_gain", "force.Own.0.was", "particles.boost",
@@ -134,6 +134,8 @@ def test_version_14_did_not_keep_shifts_and_kept_all_else():
             "contacts.solids.pinches.accepted.friction": np.ones((3, 3))}
     now = understood({"version": np.array(14), **kept}, "safe", [])
     assert now.pop("version") == VERSION and (now.pop("contacts.layers.shift.parts") == np.zeros(5)).all()
+    order = [now.pop(f"contacts.solids.pinches.order.{name}") for name in ("key", "side")]
+    assert [len(rows) for rows in order] == [0, 0], "nothing is known of layers between solids"
     assert set(now) == set(kept) and all((now[key] == kept[key]).all() for key in kept)
 
 

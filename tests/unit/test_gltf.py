@@ -1,6 +1,7 @@
 """Solids and cloth from glTF: files written by hand, positions computed afresh."""
 
 import json
+import os
 import pathlib
 import re
 import struct
@@ -11,6 +12,7 @@ from glb import Glb
 
 import taichi_cloth as tc
 from taichi_cloth.app.cli import main
+from taichi_cloth.io import solid
 
 pytest.importorskip("pygltflib", reason="the package pygltflib is not installed: pip install 'taichi-cloth[gltf]'")
 
@@ -493,3 +495,18 @@ def test_no_vertex_of_a_cloth_is_inside_a_figure_that_walks(tmp_path):
         x = sim.positions()
         assert (winding(x, solid.surface_at(sim.time), body.faces) < 0.5).all()
     assert x[:, 2].mean() > 0.3 and x[:, 1].min() < top - 0.2 and abs(x[:, 1].max() - top) < 0.04  # worn
+
+
+def test_a_file_that_is_loaded_again_is_read_once_while_it_stays(tmp_path, monkeypatch):
+    """Each load has arrays of its own; a file that was written again is read again."""
+    read, path = [], tmp_path / "post.glb"
+    monkeypatch.setattr(solid, "_scene_of", lambda *given, of=solid._scene_of: read.append(given) or of(*given))
+    skinned_post().write(path)
+    first = tc.load_solid(path)
+    x = first.x.copy()
+    first.x[:] = 0
+    assert np.array_equal(tc.load_solid(path).x, x) and len(read) == 1
+    assert len(tc.load_solid(path, fps=3.0).x) != len(x) and len(read) == 2, "other choices"
+    os.utime(path, ns=(1, 1))
+    tc.load_solid(path, fps=3.0)
+    assert len(read) == 3, "a file of another time"

@@ -10,13 +10,14 @@ from taichi_cloth import keywords
 
 MESH, DENIM = tc.grid(1.0, 2), tc.fabrics["denim"]
 CALLS = {
-    "add_cloth(colour) color": lambda: tc.Scene().add_cloth(MESH, DENIM, colour="red"),
-    "add_solid(frictoin) friction": lambda: tc.Scene().add_solid(tc.Sphere(1), frictoin=0.3, thickness=0.1),
-    "Appearance.__init__(colour) color": lambda: tc.Appearance(colour="red"),
-    "Fabric.__init__(densty) density": lambda: tc.Fabric(densty=0.1, stretch=tc.Stretch(1)),
-    "scaled(densty) density": lambda: DENIM.scaled(densty=2.0),
+    "Scene.add_cloth(colour) color": lambda: tc.Scene().add_cloth(MESH, DENIM, colour="red"),
+    "Scene.add_solid(frictoin) friction": lambda: tc.Scene().add_solid(tc.Sphere(1), frictoin=0.3, thickness=0.1),
+    "Appearance(colour) color": lambda: tc.Appearance(colour="red"),
+    "Fabric(densty) density": lambda: tc.Fabric(densty=0.1, stretch=tc.Stretch(1)),
+    "Fabric.scaled(densty) density": lambda: DENIM.scaled(densty=2.0),
     "load(scal) scale": lambda: tc.load("none.obj", scal=2.0),
-    "View.__init__(lights) light": lambda: tc.View(lights="sun"),
+    "Stretch(K) k": lambda: tc.Stretch(K=10),
+    "View(lights) light": lambda: tc.View(lights="sun"),
 }
 
 
@@ -24,7 +25,7 @@ CALLS = {
 def test_the_nearest_keyword_is_suggested(what):
     named, meant = what.split()
     name, wrong = named.rstrip(")").split("(")
-    said = rf"{name}\(\) got an unexpected keyword argument '{wrong}'. Did you mean '{meant}'\?$"
+    said = rf"^{name}\(\) got an unexpected keyword argument '{wrong}'. Did you mean '{meant}'\?$"
     with pytest.raises(TypeError, match=said):
         CALLS[what]()
 
@@ -35,6 +36,41 @@ def test_the_nearest_keyword_is_suggested(what):
 def test_a_keyword_of_another_is_told_with_who_takes_it(call, said):
     with pytest.raises(TypeError, match=said):
         call()
+
+
+def test_missing_arguments_are_told_of_what_was_called():
+    with pytest.raises(TypeError, match=r"^Scene.add_cloth\(\) missing 1 required positional argument: 'fabric'"):
+        tc.Scene().add_cloth(MESH)
+
+
+CHANGES = {"gravty gravity": (tc.Scene, None), "Air air": (tc.Scene, None), "densty density": (lambda: DENIM, 1.0),
+           "colour color": (lambda: tc.Scene().add_cloth(MESH, DENIM), "red"),
+           "frictoin friction": (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.3, 0.1), 0.5),
+           "K k": (lambda: tc.Stretch(10), 5)}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_attributes_that_there_are_not_are_refused(what):
+    """With the nearest that there is, as an error of the project's and as Python's own."""
+    (wrong, right), (make, value) = what.split(), CHANGES[what]
+    with pytest.raises(tc.SceneError, match=f"has no attribute '{wrong}'; did you mean '{right}'?") as error:
+        setattr(make(), wrong, value)
+    assert isinstance(error.value, AttributeError)
+
+
+def test_attributes_that_there_are_change_or_say_how():
+    scene, cloth = tc.Scene(), tc.Scene().add_cloth(MESH, DENIM)
+    scene.gravity, scene._mine = None, 1
+    assert not scene.gravity.any()
+    with pytest.raises(tc.SceneError, match=r"fabric of Cloth: .* dataclasses.replace\(..., fabric=...\)"):
+        cloth.fabric = DENIM
+
+    class Own(tc.Scene):
+        pass
+
+    own = Own()
+    own.anything = 3
+    assert own.anything == 3, "classes of the user's have attributes of their own"
 
 
 def test_other_errors_stay_as_they_are():

@@ -8,11 +8,12 @@ import re
 ROOT = pathlib.Path(__file__).parents[2]
 PACKAGE = ROOT / "taichi_cloth"
 
-ROOMS = ("keywords", "colornames", "renamed", "errors", "checks", "options", "scene", "io", "backend", "system", "forces",
-         "contact", "solver", "tearing", "step", "simulation", "garment", "output", "recording", "studies", "sweeps",
+ROOMS = ("colornames", "renamed", "errors", "attributes", "keywords", "checks", "options", "scene", "io", "backend", "system",
+         "forces", "contact", "solver", "tearing", "step", "simulation", "garment", "output", "recording", "studies", "sweeps",
          "fitting", "live", "app", "__main__", "__init__")
-NUMPY_ONLY = {"keywords", "colornames", "renamed", "errors", "checks", "options", "scene", "io", "backend.ordering",
-              "backend.timing", "backend.placement", "backend.quota", "backend.compiler", "backend.interrupts",
+NUMPY_ONLY = {"attributes", "keywords", "colornames", "renamed", "errors", "checks", "options", "scene", "io",
+              "backend.ordering", "backend.timing", "backend.placement", "backend.quota", "backend.compiler",
+              "backend.interrupts",
               "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
               "app.sweeping", "app.blending", "app.taking", "app.viewing", "live.orders", "live.parameters", "live.server",

@@ -108,6 +108,9 @@ def test_lights_of_a_studio_stand_round_the_camera():
         for name in ("key", "fill", "rim"):
             assert camera.axes @ getattr(turned, name) == pytest.approx(getattr(first, name), abs=1e-12)
     assert rig.rig_of((1, 2, 3), camera).key == (1, 2, 3) and rig.rig_of("sun", camera) == rig.RIGS["sun"]
+    assert View(background="white", light="studio").drawn_floor == "shadow"
+    assert View(background="#ffffff", floor="plain").drawn_floor == "plain"
+    assert View(background="transparent").drawn_floor == "none"
     assert View(light="studio").drawn_floor == "plain" and View(light="sun").drawn_floor == "checker"
 
 

@@ -11,7 +11,7 @@ from taichi_cloth import colornames
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
-from taichi_cloth.output import objects
+from taichi_cloth.output import colors, objects
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.described import appearances_of, of_appearances, of_view, view_of
 from taichi_cloth.output.exr import encode_exr
@@ -563,3 +563,17 @@ def test_every_row_has_one_turn(height, wide):
     rows.count(times)
     assert (times == 1).all()
     rows.fields.free()
+
+
+@pytest.mark.parametrize("low, high, ends", [(0.9, 1.1, ["0.9 or less", "1.1 or more"]), (0.0, 20.0, ["0", "20 or more"]),
+                                             (-3.0, 0.0, ["-3 or less", "0"])])
+def test_the_bar_says_that_colours_end_where_it_does(monkeypatch, low, high, ends):
+    """A stretch of 1.6 has the colour of 1.1: without a word it was read as 1.1."""
+    written = []
+    monkeypatch.setattr(colors, "draw_text", lambda image, text, *at: written.append((text, at[0])))
+    image = np.zeros((360, 640, 3), dtype=np.uint8)
+    colors.draw_bar(image, low, high, True, "stretch")
+    texts = [text for text, _ in written]
+    assert texts == ["stretch", *ends]
+    right = written[2][1] + len(ends[1]) * 6
+    assert written[1][1] + len(ends[0]) * 6 < written[2][1] and right < 640, "one beside the other"

@@ -238,3 +238,12 @@ def test_a_run_of_python_names_no_scene(first, tmp_path, capsys):
         tc.record(sim, tmp_path / "python", 0.1, 20)
     assert call("take", tmp_path / "python", "new", "--from-frame", 1) == 2
     assert "was recorded from Python" in capsys.readouterr().err
+
+
+def test_a_blend_builds_the_scenes_at_its_ends_once(first, monkeypatch):
+    """A scene may load a character, which takes seconds: eight frames of a blend built it 24 times."""
+    made, make = [], scenefile.SceneFile.make
+    monkeypatch.setattr(scenefile.SceneFile, "make", lambda self, settings: made.append(settings) or make(self, settings))
+    words = ["--from-frame", 0, "--blend", 8, "--set", "stretch=40", "--duration", 0.5]
+    assert call("take", first, "built", *words) == 0
+    assert len(made) <= 2 + 3 + 9, "to compare meshes, to begin, then one a frame and the two ends"

@@ -11,6 +11,7 @@ from taichi_cloth.app import cli
 from taichi_cloth.app.summary import _energy as energy_line
 from taichi_cloth.app.summary import _trouble as trouble_line
 from taichi_cloth.app.summary import describe, summary
+from taichi_cloth.recording.accounts import IN_WORDS
 from taichi_cloth.recording.report import _energy, _trouble
 from taichi_cloth.step.ledger import Ledger
 from taichi_cloth.step.records import StepRecord, Tally
@@ -97,6 +98,8 @@ def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_
 def numbers_in(text: str) -> dict[str, float]:
     """Numbers with a sign, by the words before them."""
     words = re.sub("<[^>]+>", " ", text).replace("unaccounted for", "unaccounted")
+    for name, said in IN_WORDS.items():
+        words = words.replace(said, name)
     return {name: float(value) for name, value in re.findall(r"(\w+) +([+-][\d.e+-]*\d)", words)}
 
 

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app.running import Writer
 from taichi_cloth.app.summary import percent
+from taichi_cloth.backend.timing import compiling
 from taichi_cloth.errors import many
 from taichi_cloth.output.recording import Recording
+from taichi_cloth.recording.accounts import GAINS, LOSSES, changes
 from taichi_cloth.recording.reasons import MEANS, why_refused
 from taichi_cloth.recording.why import costliest
 from taichi_cloth.step.stepper import ADVICE
@@ -143,3 +146,32 @@ def test_reasons_are_told_in_words(reason, detail, says):
 @pytest.mark.parametrize("part, text", [(1.004, "100 %"), (0.61, "61 %"), (0.0994, "9.9 %"), (0.012, "1.2 %")])
 def test_parts_are_told_in_percent_without_exponents(part, text):
     assert percent(part) == text
+
+
+def test_accounts_of_energy_are_told_in_words():
+    told = changes(dict.fromkeys((*GAINS, *LOSSES), 1.0))
+    assert len(told) == len(GAINS) + len(LOSSES) and not [name for name in told if "_" in name]
+
+
+def test_first_launches_of_kernels_are_no_time_of_writing(monkeypatch):
+    """The first checkpoint launches kernels, and was told as so many seconds "to write files"."""
+    writer = object.__new__(Writer)
+    writer.seconds = {"draw": 0.0, "write": 0.0}
+
+    def checkpoint() -> str:
+        monkeypatch.setattr(compiling, "seconds", compiling.seconds + 100.0)
+        return "written"
+
+    monkeypatch.setattr("taichi_cloth.app.running.time", SimpleNamespace(perf_counter=iter([0.0, 103.0]).__next__))
+    assert writer._timed("write", checkpoint) == "written" and writer.seconds == {"draw": 0.0, "write": 3.0}
+
+
+def test_a_recorded_simulation_ends_with_the_lines_of_a_run(tmp_path, capsys):
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(0.2, 3), FABRIC, contact=tc.ClothContact(0.003, 0.3))
+    with tc.Simulation(scene) as sim:
+        tc.record(sim, tmp_path / "run", duration=0.1, fps=20)
+    said = capsys.readouterr().err
+    for line in ("model: 16 vertices", "layers: at most 0 pairs", "cloth through cloth nowhere\n", "trouble: none", "energy: ",
+                 "cost: 0.1 s simulated"):
+        assert line in said

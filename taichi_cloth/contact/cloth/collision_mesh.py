@@ -80,6 +80,10 @@ class CollisionMesh:
         """(k,) whether faces a and b (k,) are of cloths that meet."""
         return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
 
+    def particles_may_meet(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """(k,) whether particles i and j (k,) are of cloths that meet."""
+        return self._may[self.owners[i] * self.cloths + self.owners[j]] == 1
+
     def around(self, some: np.ndarray) -> np.ndarray:
         """(n,) whether particles are among some (n,) or neighbours of these: of a face with one."""
         out = some.copy()

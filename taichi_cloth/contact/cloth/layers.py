@@ -304,13 +304,17 @@ class Layers(Checkpointed):
         """Disables pairs that are too close and cannot open, if the closest pair is among them; returns whether it is.
 
         A pair cannot open where a tangle holds a particle of it, or where one is pinched and solids hold, `held` (n,), all.
+        Where any is pinched they are led apart.
         """
         p, near = self.near, self._too_near()
         led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)
         gap, tight = p.end / p.radius, near & (led | self.intersections.resting[p.vertices].any(axis=1))
         if not tight.any() or gap[tight].min() > gap[near].min():
             return False
-        self.intersections.release(p.vertices[tight].ravel())
+        if self.waived.any():
+            self.intersections.lead_apart(p, tight)
+        else:
+            self.intersections.release(p.vertices[tight].ravel())
         self._let_rest()
         return True
 

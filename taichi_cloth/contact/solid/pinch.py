@@ -17,6 +17,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.elements import lumped_mass
 from ...system.held import Held
 from ..points import EYE, ContactRows, length, rows_of, sym_outer, sym_times, tangential, unit
+from ..stack_order import StackOrder
 from ..step_start import StepContext
 from .facing import SURE, FacingSurfaces, Sides
 from .query import SolidCollisionDetector
@@ -92,6 +93,7 @@ class Flypaper(Checkpointed):
         possible: whether a scene's solids can close on each other, or on themselves, at all: two of which one moves, or one
             that deforms.
         accepted: as of the last accepted step; trial: of this attempt.
+        order: of layers of cloth between the surfaces, or None where cloth does not meet cloth.
         where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
         target: (k, 3) where they are led [m]; led: (k,) whether they are, and not held by a script; forces: (k, 3) [N] that it
             took in the last solve.
@@ -99,7 +101,7 @@ class Flypaper(Checkpointed):
             the last solve expected against them; rubbing: its friction.
     """
 
-    STATE = ("accepted",)
+    STATE = ("accepted", "order")
 
     def __init__(self, n: int, particle: np.ndarray, detector: SolidCollisionDetector, scene: Scene) -> None:
         self.detector, self.thickness = detector, detector.thickness
@@ -113,6 +115,7 @@ class Flypaper(Checkpointed):
         tree = detector.tree if self.possible and detector.meshes.any() else None
         self.surfaces = FacingSurfaces(tree) if tree is not None else None
         self.accepted = self.trial = Pinched()
+        self.order: StackOrder | None = None
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
         self.led = np.zeros(0, dtype=bool)
@@ -136,6 +139,8 @@ class Flypaper(Checkpointed):
     def clear(self) -> None:
         """Nothing is pinched: the state was changed from outside."""
         self.accepted = Pinched()
+        if self.order is not None:
+            self.order.clear()
         self.resumed()
 
     def begin(self, start: StepContext, found: VertexContacts) -> None:
@@ -202,7 +207,10 @@ class Flypaper(Checkpointed):
         wanted = (2 * share - 1) * np.maximum(both.room, SQUEEZED * self._needed(both))
         most = SLOWLY * start.h + np.abs(np.einsum("ki,ki->k", across, b.motion - a.motion)) / 2
         shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
-        return start.x[both.index] + mean + shift[:, None] * across
+        out = start.x[both.index] + mean + shift[:, None] * across
+        if self.order is None or not len(both.index):
+            return out
+        return out + np.clip(self.order.shift(start.x, both.index, out, across), -most, most)[:, None] * across
 
     def _known(self, start: StepContext) -> tuple[Between, np.ndarray]:
         """Particles that were pinched and still are, and their shares."""
@@ -342,9 +350,11 @@ class Flypaper(Checkpointed):
             self.rubs = self.rubbing.forces(moved, c)
             self.forces += self.rubs
 
-    def commit(self) -> None:
-        """The step was accepted."""
+    def commit(self, x: np.ndarray) -> None:
+        """The step was accepted, and ended at x (n, 3)."""
         self.accepted = replace(self.trial, friction=self.rubs)
+        if self.order is not None:
+            self.order.commit(x, self.accepted.index)
 
 
 def _fill(sides: Sides, rows: np.ndarray, part: Sides) -> None:

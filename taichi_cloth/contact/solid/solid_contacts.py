@@ -301,7 +301,7 @@ class SolidContacts(Checkpointed):
         """The step was accepted: the next begins from its contacts. Particles that end wrong in a small one are pinched."""
         self.penetration.pass_time(self.start.h, self.near.vertices)
         if self.pinches.possible:
-            self.pinches.commit()
+            self.pinches.commit(self.model.read_particles()[0])
             self.penetration.spare(np.flatnonzero(self.pinches.around))
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
