@@ -34,7 +34,7 @@ def why_refused(name: str, detail: str) -> str:
 
 
 def fell_back(reason: str) -> str:
-    """Why a step was made by backward Euler, or BDF2, in place of TR-BDF2."""
+    """Why a step was made by BDF2 or backward Euler in place of TR-BDF2."""
     if reason == TOUCH:
         return "cloth touches something, is being sewn or tears"
     return f"in the usual one {MEANS[reason]} ({reason})" if reason in MEANS else reason

@@ -29,14 +29,14 @@ def over_a_ridge(layered: bool, lifted: float = 0.0) -> tc.Scene:
 
 @pytest.mark.parametrize("layered", [False, True])
 def test_a_sheet_pulled_over_a_sharp_edge(layered):
-    """Its pairs bear many times what their law gives, and stay outside their least distance; two steps of 30 are cut. A
-    pair of the last linear solve may pull by 2 %."""
+    """Its pairs bear many times what their law gives, and stay outside their least distance; two steps of 30 are cut. BDF2's steps
+    take two solves at least. A pair of the last linear solve may pull by 2 %."""
     with tc.Simulation(over_a_ridge(layered), h=1 / 60) as sim:
         for _ in range(30):
             sim.step()
             height, crossed = against_solids(sim, sampled=True)["ridge"]
             assert crossed == 0 and height > 0.2
-        assert len(sim.log) < 36 and sum(r.solves for r in sim.log) < 80
+        assert len(sim.log) < 36 and sum(r.solves for r in sim.log) < (80 if layered else 120)
         assert sum(sum(r.rejections.values()) for r in sim.log) <= 2
         solids = sim.contacts.solids
         borne = np.einsum("ki,ki->k", solids.forces.pairs, solids.linearized.normal)

@@ -1,9 +1,10 @@
-"""The default: TR-BDF2, and backward Euler for the steps that it cannot take.
+"""The default: TR-BDF2, and BDF2 or backward Euler for the steps that it cannot take.
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test. This loses
 accuracy but not the run. In scenes without contact and limits of strain, a step that fails with NEWTON or ENERGY is first
-tried with a half and a quarter of its size. Steps in which cloth touches something use backward Euler too (BDF2 where asked
-for): contact is part of its solve. So do those in which a seam is being closed, or something tears and recoils.
+tried with a half and a quarter of its size. Steps in which cloth touches something are BDF2's where they are solved, in
+contact with solids alone, else backward Euler's: contact is part of the solve of either. Those in which a seam is being closed,
+or something tears and recoils, are backward Euler's too.
 """
 
 import math
