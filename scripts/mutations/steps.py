@@ -30,7 +30,7 @@ KEEPS = "tests/hard/test_stability.py::test_stiff_cloth_keeps_its_energy_with_us
 CREASES, HYSTERESIS = "tests/physics/test_creases.py", "taichi_cloth/forces/hysteresis.py"
 ORDER = "tests/physics/test_contact_order.py"
 FLAT, SLOPE = (f"{ORDER}::{name}" for name in (
-    "test_what_falls_flat_stays_where_it_fell", "test_on_a_slope_and_off_its_edge_the_error_is_a_third"))
+    "test_what_falls_flat_stays_where_it_fell", "test_on_a_slope_and_off_its_edge_the_error_is_less_than_half"))
 BOOKED, GOES_ON = (f"{ORDER}::{name}" for name in ("test_its_energy_is_accounted_for", "test_it_goes_on_from_a_checkpoint"))
 QUIET, TURNS = (f"{ORDER}::{name}" for name in (
     "test_sheets_come_to_rest_on_each_other_and_keep_their_momentum", "test_what_sticks_to_a_turntable_takes_two_solves"))

@@ -9,13 +9,16 @@ in the order in which they went in.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..scene.boxes import near
 from ..system.checkpoint import Checkpointed
-from .cloth.collision_mesh import CollisionMesh
 from .points import rows_of, unit
+
+if TYPE_CHECKING:  # solids alone import nothing of cloth against cloth
+    from .cloth.collision_mesh import CollisionMesh
 
 GAP = 0.5  # of the distance that two layers keep
 REACH = 4.0  # of it: pairs that are further apart are forgotten
@@ -80,7 +83,7 @@ class StackOrder(Checkpointed):
 
     STATE = ("key", "side")
 
-    def __init__(self, mesh: CollisionMesh, n: int) -> None:
+    def __init__(self, mesh: "CollisionMesh", n: int) -> None:
         self.mesh, self.n = mesh, n
         self.key, self.side = np.zeros(0, dtype=np.int64), np.zeros(0)
         self.began = np.zeros((n, 3))

@@ -29,8 +29,8 @@ def over_a_ridge(layered: bool, lifted: float = 0.0) -> tc.Scene:
 
 @pytest.mark.parametrize("layered", [False, True])
 def test_a_sheet_pulled_over_a_sharp_edge(layered):
-    """Its pairs bear many times what their law gives, and stay outside their least distance; two steps of 30 are cut. BDF2's steps
-    take two solves at least. A pair of the last linear solve may pull by 2 %."""
+    """Its pairs bear many times what their law gives, and stay outside their least distance; two steps of 30 are cut. Those
+    of BDF2 take two solves at least. A pair of the last linear solve may pull by 2 %."""
     with tc.Simulation(over_a_ridge(layered), h=1 / 60) as sim:
         for _ in range(30):
             sim.step()

@@ -210,7 +210,10 @@ class Flypaper(Checkpointed):
         out = start.x[both.index] + mean + shift[:, None] * across
         if self.order is None or not len(both.index):
             return out
-        return out + np.clip(self.order.shift(start.x, both.index, out, across), -most, most)[:, None] * across
+        rises, keep = size / 2, SHARE * np.maximum(both.room, 0)  # [m] along the normals for each along `across`
+        low, high = (np.maximum(h + sign * shift * rises - keep, 0) / rises for h, sign in zip(height, (1, -1)))
+        further = np.clip(self.order.shift(start.x, both.index, out, across), -most, most)
+        return out + np.clip(further, -low, high)[:, None] * across
 
     def _known(self, start: StepContext) -> tuple[Between, np.ndarray]:
         """Particles that were pinched and still are, and their shares."""

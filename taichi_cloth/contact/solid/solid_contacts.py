@@ -166,7 +166,8 @@ class SolidContacts(Checkpointed):
         """Whether cloth comes at a solid, along its normal, faster than it would fall in the step: an impact, and no motion
         that goes on from the step before."""
         f, start = self.near.vertices, self.start
-        f = f.take((f.gap < 0) & ~among(self.accepted.key, f.key) & ~self.pinned[f.index])
+        new = (f.gap < 0) & ~among(self.accepted.key, f.key)
+        f = f.take(new & (self.pinned[f.index] == 0))
         arrive = (f.carried - start.x[f.index]) / start.h - start.v[f.index]
         return bool((np.einsum("ki,ki->k", f.normal, arrive) > EARTH * start.h).any())
 

@@ -3,8 +3,8 @@
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test. This loses
 accuracy but not the run. In scenes without contact and limits of strain, a step that fails with NEWTON or ENERGY is first
 tried with a half and a quarter of its size. Steps in which cloth touches something are BDF2's where they are solved, in
-contact with solids alone, else backward Euler's: contact is part of the solve of either. Those in which a seam is being closed,
-or something tears and recoils, are backward Euler's too.
+contact with solids alone, else backward Euler's: contact is part of the solve of either. So are those in which a seam is being
+closed, or something tears and recoils.
 """
 
 import math
