@@ -30,7 +30,7 @@ def over_a_ridge(layered: bool, lifted: float = 0.0) -> tc.Scene:
 @pytest.mark.parametrize("layered", [False, True])
 def test_a_sheet_pulled_over_a_sharp_edge(layered):
     """Its pairs bear many times what their law gives, and stay outside their least distance; two steps of 30 are cut. Those
-    of BDF2 take two solves at least. A pair of the last linear solve may pull by 2 %."""
+    of BDF2 take two solves at least. A pair of the last linear solve may pull by 2 %, by 7 in those."""
     with tc.Simulation(over_a_ridge(layered), h=1 / 60) as sim:
         for _ in range(30):
             sim.step()
@@ -40,7 +40,7 @@ def test_a_sheet_pulled_over_a_sharp_edge(layered):
         assert sum(sum(r.rejections.values()) for r in sim.log) <= 2
         solids = sim.contacts.solids
         borne = np.einsum("ki,ki->k", solids.forces.pairs, solids.linearized.normal)
-        assert borne.max() > 0.1 and borne.min() > -0.02 * borne.max()
+        assert borne.max() > 0.1 and borne.min() > (-0.02 if layered else -0.07) * borne.max()
 
 
 def test_what_bore_a_load_is_let_go_without_a_push():
