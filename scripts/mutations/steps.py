@@ -46,7 +46,7 @@ MUTATIONS = (
     # steps that go on from the one before, in contact
     (BDF2, "k * moved, v + k * faster", "0 * moved, v + k * faster", "positions do not go on", f"{FLAT} {SLOPE}"),
     (BDF2, "k * moved, v + k * faster", "k * moved, v", "velocities do not go on", f"{SLOPE} {SLIDES}"),
-    (BDF2, "self.v_0[i] += along[:, None] * normal + ", "self.v_0[i] += ", "what is hit bounces", f"{FLAT} {ORDER}"),
+    (BDF2, "self.v_0[i] += along * n + ", "self.v_0[i] += ", "what is hit bounces", f"{FLAT} {ORDER}"),
     (BDF2, "x[moved] - self.h_1 * (v[moved] + self.v_0[moved]) / 2", "x[moved]",
      "what is hit has not come from anywhere", ORDER),
     (BDF2, '"borne", "energy")', '"energy")', "pairs of the step before are not resumed", ORDER),

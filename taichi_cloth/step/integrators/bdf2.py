@@ -20,14 +20,15 @@ Impacts are no part of a motion that goes on. Before the next step they are take
   under a load is lifted by more than it pressed: ten sheets at rest shook for ever.)
 
 Source: Curtiss, Hirschfelder 1952; the treatment of contact is ours. A step that it cannot take is redone by backward Euler,
-and so are the first one, those of sewn cloth, and those in which something is pinched or tangled.
+and so are the first one, those in which cloth comes at a solid faster than it falls in a step, those of sewn cloth, and those
+in which something is pinched or tangled.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from ...contact.points import among, tangential
+from ...contact.points import among
 from ...options import Options
 from ...system.assembler import Measures
 from ...system.base import Base
@@ -123,14 +124,14 @@ class BDF2(BackwardEuler):
 
     def _forget_impacts(self, x: np.ndarray, v: np.ndarray) -> None:
         """The state before becomes one from which the motion goes on to x, v (n, 3): see above."""
-        mass, changed, before = self.model.mass, v - self.v_0, self.v_0.copy()
+        mass, before = self.model.mass, self.v_0.copy()
         c = self.h_1 if self.energy.base is None else self.energy.base.c
-        i, normal, force = self.contacts.solids.begun()
-        gained, given = changed[i], c * force / mass[i][:, None]  # m/s: all in all, and by the contact
-        along, pressed = (np.einsum("ki,ki->k", rows, normal) for rows in (gained, given))
-        hit = np.clip(along / np.maximum(pressed, 1e-300), 0, 1)[:, None]  # part of the contact's impulse that is an impact's
-        self.v_0[i] += along[:, None] * normal + hit * _share(tangential(gained, normal), tangential(given, normal))
-        every = self.contacts.pushes()
+        for i, n, force in zip(*self.contacts.solids.begun()):  # one after the other: a particle may have several
+            gained, given = v[i] - self.v_0[i], c * force / mass[i]  # m/s: all in all, and by the contact
+            along, pressed = n @ gained, n @ given
+            hit = min(max(along / max(pressed, 1e-300), 0.0), 1.0)  # part of the contact's impulse that is an impact's
+            self.v_0[i] += along * n + hit * _share(gained - along * n, given - pressed * n)
+        every, changed = self.contacts.pushes(), v - self.v_0
         given = np.zeros_like(v)
         for pushes in every:
             pushes.add(given)
@@ -151,6 +152,5 @@ class BDF2(BackwardEuler):
 
 
 def _share(change: np.ndarray, impulse: np.ndarray) -> np.ndarray:
-    """Parts of impulses (k, 3) per mass [m/s] that show in changes of velocity (k, 3), not balanced by other forces."""
-    size = np.maximum(np.sum(impulse**2, axis=-1, keepdims=True), 1e-300)
-    return np.clip(np.sum(change * impulse, axis=-1, keepdims=True) / size, 0, 1) * impulse
+    """The part of an impulse (3,) per mass [m/s] that shows in a change of velocity (3,), not balanced by other forces."""
+    return min(max(change @ impulse / max(impulse @ impulse, 1e-300), 0.0), 1.0) * impulse
