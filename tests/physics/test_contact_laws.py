@@ -66,8 +66,8 @@ MEASURED = {  # of the law
     ("capstan_90_03", "spread"): "1.1 of 1 %",
     ("taut_over_ridge", "least gap"): ".37",
     ("hit_at_10", "least gap"): ".37",
-    ("crease", "crossings"): "0 from 22 of 24 starts",
-    ("crease", "in order"): "from 16 of 24 starts",
+    ("crease", "crossings"): "0 from 7 of 8 starts",
+    ("crease", "in order"): "from 8 of 8 starts",
 }
 KNOWN = [(case, name) for case, names in HOLDS.items() for name in names]
 
