@@ -83,9 +83,10 @@ def did_you_mean(name: object, choices: Iterable[object]) -> str:
 
 def nearest(name: str, names: Iterable[str], cutoff: float = 0.5) -> str | None:
     """The one of some names that is most like a wrong one; capitals count less than letters."""
-    small = {known.lower(): known for known in reversed(list(names))}
-    found = difflib.get_close_matches(name[:100].lower(), small, n=1, cutoff=cutoff)
-    return small[found[0]] if found else None
+    name, names = name[:100], list(names)
+    found = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=1, cutoff=cutoff)
+    alike = [known for known in names if found and known.lower() == found[0]]
+    return max(alike, key=lambda known: difflib.SequenceMatcher(None, name, known).ratio(), default=None)
 
 
 def near(path: object) -> str:

@@ -190,7 +190,7 @@ MUTATIONS = (
     (STACK, 'STATE = ("key", "side")', "STATE = ()", "sides of pinched layers forgotten on resume",
      "tests/unit/test_stack_order.py"),
     (STACK, "side * f.gap", "f.gap", "pinched layers are led to their faces' fronts", "tests/unit/test_stack_order.py"),
-    (PINCH, "np.clip(further, -low, high)", "further", "layers of cloth are led out of a room that is too small for them",
+    (PINCH, "last, off = (1 - 2 * SHARE) * room,", "last, off = 1e3 + room,", "layers of cloth are led out of a room that is too small for them",
      "tests/test_scenes.py -kpinch"),
     (PINCH, "out + np.clip(further", "out + 0 * np.clip(further", "shares of pinched layers set their order",
      f"{CLOSING}::test_layers_whose_shares_of_the_room_are_the_wrong_way_round_come_out_in_order"),

@@ -204,16 +204,15 @@ class Flypaper(Checkpointed):
         size = np.maximum(np.linalg.norm(apart, axis=1), 1e-30)
         across = apart / size[:, None]
         height = [s.height + np.einsum("ki,ki->k", s.normal, mean - s.motion) for s in (a, b)]
-        wanted = (2 * share - 1) * np.maximum(both.room, SQUEEZED * self._needed(both))
+        room, off = np.maximum(both.room, SQUEEZED * self._needed(both)), height[0] - height[1]
         most = SLOWLY * start.h + np.abs(np.einsum("ki,ki->k", across, b.motion - a.motion)) / 2
-        shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
+        shift = np.clip(((2 * share - 1) * room - off) / size, -most, most)
         out = start.x[both.index] + mean + shift[:, None] * across
         if self.order is None or not len(both.index):
             return out
-        rises, keep = size / 2, SHARE * np.maximum(both.room, 0)  # [m] along the normals for each along `across`
-        low, high = (np.maximum(h + sign * shift * rises - keep, 0) / rises for h, sign in zip(height, (1, -1)))
         further = np.clip(self.order.shift(start.x, both.index, out, across), -most, most)
-        return out + np.clip(further, -low, high)[:, None] * across
+        last, off = (1 - 2 * SHARE) * room, off + shift * size  # the share that is kept from either side is kept here too
+        return out + np.clip(further, np.minimum(-last - off, 0) / size, np.maximum(last - off, 0) / size)[:, None] * across
 
     def _known(self, start: StepContext) -> tuple[Between, np.ndarray]:
         """Particles that were pinched and still are, and their shares."""
