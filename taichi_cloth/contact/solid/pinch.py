@@ -206,7 +206,8 @@ class Flypaper(Checkpointed):
         height = [s.height + np.einsum("ki,ki->k", s.normal, mean - s.motion) for s in (a, b)]
         room, off = np.maximum(both.room, SQUEEZED * self._needed(both)), height[0] - height[1]
         most = SLOWLY * start.h + np.abs(np.einsum("ki,ki->k", across, b.motion - a.motion)) / 2
-        shift = np.clip(((2 * share - 1) * room - off) / size, -most, most)
+        wanted = (2 * share - 1) * room
+        shift = np.clip((wanted - off) / size, -most, most)
         out = start.x[both.index] + mean + shift[:, None] * across
         if self.order is None or not len(both.index):
             return out
