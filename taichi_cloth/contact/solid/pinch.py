@@ -29,6 +29,7 @@ SAME = 0.5  # cosine between the normals of one side from step to step
 FREE = 1.25  # times the room needed: with more, a pinched particle is free
 SLOWLY = 0.05  # m/s by which pinched particles go to their share of the room, besides the surfaces' own motions
 SHARE = 0.2  # of the room that is kept from either side
+CLEAR = 0.1  # of the room that the order of layers leaves on either side. Without, three sheets pass through plates (`pinch`)
 PRESSURE = 2000.0  # Pa with which surfaces without room between them press, as far as friction goes: flesh yields
 LAGGED = 0.1  # relative error of friction that a first solve may leave
 CREEP = 0.0005  # m/s against the surfaces below which friction is less, and proportional to it
@@ -204,16 +205,16 @@ class Flypaper(Checkpointed):
         size = np.maximum(np.linalg.norm(apart, axis=1), 1e-30)
         across = apart / size[:, None]
         height = [s.height + np.einsum("ki,ki->k", s.normal, mean - s.motion) for s in (a, b)]
-        room, off = np.maximum(both.room, SQUEEZED * self._needed(both)), height[0] - height[1]
+        wanted = (2 * share - 1) * np.maximum(both.room, SQUEEZED * self._needed(both))
         most = SLOWLY * start.h + np.abs(np.einsum("ki,ki->k", across, b.motion - a.motion)) / 2
-        wanted = (2 * share - 1) * room
-        shift = np.clip((wanted - off) / size, -most, most)
+        shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
         out = start.x[both.index] + mean + shift[:, None] * across
         if self.order is None or not len(both.index):
             return out
         further = np.clip(self.order.shift(start.x, both.index, out, across), -most, most)
-        last, off = (1 - 2 * SHARE) * room, off + shift * size  # the share that is kept from either side is kept here too
-        return out + np.clip(further, np.minimum(-last - off, 0) / size, np.maximum(last - off, 0) / size)[:, None] * across
+        low, high = ((h - CLEAR * both.room) * 2 / size for h in (height[0] + shift * size / 2, height[1] - shift * size / 2))
+        kept = np.clip(further, np.minimum(-low, 0), np.maximum(high, 0))  # within the room, where there is any
+        return out + np.where(both.room > 0, kept, further)[:, None] * across
 
     def _known(self, start: StepContext) -> tuple[Between, np.ndarray]:
         """Particles that were pinched and still are, and their shares."""
