@@ -318,4 +318,4 @@ class Contacts(Checkpointed):
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""
         out = self.solids.forces_on_particles()
-        return out if self.layers is None else out + self.layers.forces()
+        return out if self.layers is None else self.layers.pushes().add(out)

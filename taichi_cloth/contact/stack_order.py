@@ -29,7 +29,7 @@ PARALLEL = 0.1  # sine of the angle between edges below which they have no side
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Pairs (k, 4) of particles: the first `faces` are of a vertex and a face, others of two edges; key: (k,) sorted."""
+    """Pairs (k, 4) of particles, sorted by key (k,); is_face: (k,) whether of a vertex and a face, else of two edges."""
 
     key: np.ndarray
     vertices: np.ndarray

@@ -382,7 +382,7 @@ def test_solves_are_told_what_the_reference_says(rng):
         for one in (GAP, RUBBED, BACK):
             assert np.allclose(mine[one, tame], led[one, tame], rtol=1e-6, atol=1e-12 + 1e-9 * np.abs(led[one, tame]).max())
         assert np.allclose(layers.last_forces, list(bore.values()), rtol=1e-8, atol=1e-9)
-        assert np.abs(layers.forces() - forces).max() < 1e-6 * np.abs(forces).max()
+        assert np.abs(layers.pushes().add(0 * forces) - forces).max() < 1e-6 * np.abs(forces).max()
         before = Solve(pairs, taken)
     energy = sum(q.stiff * ref.repulsion(q.end, q.r, q.shift)[0]
                  for q in reference_pairs(sim, layers.near, model_at, x_0, layers.adaptive_stiffness.scale).values())

@@ -358,10 +358,6 @@ class Layers(Checkpointed):
         self.pass_without()
         self.commit()
 
-    def forces(self) -> np.ndarray:
-        """(n, 3) [N] of layers on each other where the model now is, in particle order; they add up to 0."""
-        return self.pushes().add(np.zeros((self.model.n, 3)))
-
     def pushes(self) -> Pushes:
         """Forces of layers on each other where the model now is; those of each pair add up to 0."""
         q = self.linearized
