@@ -1,7 +1,7 @@
 """Interface of contact to a step: constrained particles, contact forces, test of convergence, checkpoints."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from ..system.cones import Cones
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
+from .cloth.contact_pairs import LinearizedPairs
 from .points import ContactForce, ContactRows, Pushes
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
+from .solid.sliding import Sliding
 from .solid.solid_contacts import SolidContacts
 from .stack_order import StackOrder
 from .step_start import ForcingTerms, StepContext
@@ -25,6 +27,23 @@ AGREED = 0.001  # tolerance of the residual of contacts, in parts of all impulse
 NEAR = 0.03  # above this residual, states of contacts come from the proximal gradient method. With layers, friction is viscous
 # in the next solve instead. With 0, .01, this and .1 `sphere_drape` takes 372, 370, 381, 397 solves
 STRICT = 3  # solves with the tolerance AGREED; it doubles in each later one. With 2 and 7 385 and 472 solves for 390
+
+
+class Linearization(NamedTuple):
+    """Contact as a solve takes it.
+
+    Attributes:
+        base: positions and velocities (n, 3) with which it begins.
+        near: pairs of edges of cloth and solids; repulsion: theirs; sliding: friction of particles on solids.
+        between: of layers; layers: the pairs of these.
+    """
+
+    base: tuple[np.ndarray, np.ndarray]
+    near: Any
+    repulsion: ContactRows
+    sliding: Sliding
+    between: ContactRows
+    layers: LinearizedPairs | None
 
 
 class Contacts(Checkpointed):
@@ -71,6 +90,20 @@ class Contacts(Checkpointed):
         """Whether layers of cloth are part of the solves of this attempt."""
         return self.layers is not None and (self.sprung or self.start.together)
 
+    @property
+    def linearization(self) -> Linearization:
+        """As contact is linearized now."""
+        s, layers = self.solids, None if self.layers is None else self.layers.linearized
+        return Linearization(self.base, s.linearized, s.repulsion, s.sliding, self.between, layers)
+
+    @linearization.setter
+    def linearization(self, as_before: Linearization) -> None:
+        """Goes back to an earlier one, but for the system's points."""
+        s = self.solids
+        self.base, s.linearized, s.repulsion, s.sliding, self.between, pairs = as_before
+        if self.layers is not None:
+            self.layers.linearized = pairs
+
     def begin(self, h: float, pins: Held | None, x: np.ndarray, v: np.ndarray, together: bool = False,
               base: Base | None = None) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
@@ -113,7 +146,7 @@ class Contacts(Checkpointed):
         """Friction of sliding contacts, pairs, and layers where they are part of the problem, as points of contact."""
         self.take(self.balance.rubs(self.base[1]), True)
 
-    def take(self, rubs: ContactRows | None, led: bool) -> bool:
+    def take(self, rubs: ContactRows | None, led: bool, again: bool = False) -> bool:
         """Linearizes contact for a solve that begins at `base`. Returns whether there is room for all of its points.
 
         The points are those of friction of pinched particles, of pairs of edges, and of layers where these are part of the
@@ -122,11 +155,12 @@ class Contacts(Checkpointed):
         Args:
             rubs: further points, of friction of particles that slide on solids.
             led: whether pairs of edges are linearized with held particles at their targets. Else they are where they are.
+            again: whether layers are linearized there already.
         """
         self.others = ContactRows.join(self.solids.take_others(self.base, led))
         points = [self.others] + ([] if rubs is None else [rubs])
         if self.layered and self.layers is not None:
-            self.between = self.layers.points(self.base[0])
+            self.between = self.between if again else self.layers.points(self.base[0])
             points = [self.between, *points]
         self.crowded = not self.force.set(ContactRows.join(points))
         return not self.crowded
@@ -246,6 +280,12 @@ class Contacts(Checkpointed):
             self.layers.pass_by()
 
     @property
+    def meeting(self) -> bool:
+        """Whether cloth met anything in this attempt's last solve."""
+        layered = self.layered and self.layers is not None and self.layers.count > 0
+        return self.count > 0 or self.solids.near.any_pairs or layered
+
+    @property
     def touching(self) -> bool:
         """Whether the last step had contacts."""
         layered = self.layers is not None and (self.layers.count > 0 or self.layers.intersections.active)
@@ -274,7 +314,7 @@ class Contacts(Checkpointed):
         led = self.solids.pinches.where
         out = {"contacts": self.count, "unconverged_contacts": self.solids.unsettled, "pinched": pinched,
                "solid_intersections": self.crossings, "place": self.place(), "led": led if led.any() else None,
-               "contact_error": self.found.residual.relative if self.found is not None and self.count else 0.0}
+               "contact_error": self.found.residual.relative if self.found is not None and self.meeting else 0.0}
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections

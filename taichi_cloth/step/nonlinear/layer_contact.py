@@ -199,6 +199,9 @@ class LayerPolicy(SolidPolicy):
                 self.layers.pass_without()
                 return made
             self.system.start_over()
+        solved = self.solve(h, pins, start, clock, solutions, together=True)
+        if solved is not None:
+            return solved
         while True:
             problem = LayerStep(self.system, self.energy, h, pins, start, clock, solutions)
             made = minimize(problem, self.layers.ROUNDS)
