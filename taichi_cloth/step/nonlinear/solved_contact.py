@@ -118,7 +118,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("CG"):
             tolerance = CG_TOL
             if k:
-                tolerance = LAST if self.layers is not None and self.residual.relative <= BEARABLE * self.enough else OTHERS
+                tolerance = LAST if self.layers is not None and self.part == 1 else OTHERS
             tolerance = system.options.cg_tol or tolerance
             z = system.rest(held, h) if k else None
             warm = k == 0 and system.base is not None and len(self.solutions) > 0
