@@ -13,7 +13,6 @@ from ..system.cones import Cones
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
-from .cloth.contact_pairs import LinearizedPairs
 from .points import ContactForce, ContactRows, Pushes
 from .settle import Moved, move_apart
 from .solid.balance import MET, Balance, Found
@@ -43,7 +42,7 @@ class Linearization(NamedTuple):
     repulsion: ContactRows
     sliding: Sliding
     between: ContactRows
-    layers: LinearizedPairs | None
+    layers: Any
 
 
 class Contacts(Checkpointed):

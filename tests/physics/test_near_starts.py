@@ -34,7 +34,8 @@ def scene_of(shape: str, above: float, layers: int = 1) -> tuple[tc.Scene, list[
 
 
 def test_of_two_cloths_in_one_place_the_later_one_lies_on_the_other():
-    """Flat and curved ones, of one mesh and of two, whatever the rounding: none crosses, and a note says so."""
+    """Flat and curved ones, of one mesh and of two, whatever the rounding: none crosses, and a note says so. They are no
+    faster than a thickness a step, or than one that is bent so gets by itself."""
     coarse, fine = tc.grid(0.2, 7, centred=True), tc.grid(0.2, 12, centred=True)
     for bent, upper, noise in ((0.0, coarse, 1e-9), (0.0, fine, 1e-9), (1.0, coarse, 1e-9), (0.0, coarse, 0.0)):
         scene, rng = tc.Scene(gravity=None), np.random.default_rng(3)
@@ -48,7 +49,16 @@ def test_of_two_cloths_in_one_place_the_later_one_lies_on_the_other():
             up = sim.positions()[coarse.vertex_count:, 1].mean() - sim.positions()[:coarse.vertex_count, 1].mean()
             assert up > 0.3 * T  # moved apart, too, in the order that the note names
             sim.run(0.1, fps=30)
-            assert cloth_crossings(sim) == 0 and np.linalg.norm(sim.velocities(), axis=1).max() < T * 60
+            fastest = np.linalg.norm(sim.velocities(), axis=1).max()
+            assert cloth_crossings(sim) == 0
+        alone = tc.Scene(gravity=None)
+        alone.add_cloth(coarse, FABRIC, positions=wavy(coarse.x) if bent else coarse.x)
+        with tc.Simulation(alone, h=1 / 60) as sim:
+            own = 0.0
+            for _ in range(6):
+                sim.step()
+                own = max(own, np.linalg.norm(sim.velocities(), axis=1).max())
+        assert fastest < max(T * 60, own)
 
 
 @pytest.mark.parametrize("held", [(), ("left",)])
