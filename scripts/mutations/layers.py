@@ -29,6 +29,8 @@ ORDER = "tests/physics/test_layer_order.py::test_the_higher_layer_starts_and_sta
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")
 NONLINEAR = "taichi_cloth/step/nonlinear/"
+SOLVED_STEP, SOLVED = NONLINEAR + "solved_contact.py", "tests/physics/test_solved_contact.py::"
+FREE = SOLVED + "test_a_step_beside_a_solid_gains_no_energy"
 LAYER_STEP, PRELIMINARY = NONLINEAR + "layer_contact.py", PHYSICS + "test_solves_that_others_follow_are_preliminary"
 
 MUTATIONS = (
@@ -239,7 +241,7 @@ MUTATIONS = (
      "friction that lags is taken",
      SETTLED),
     (CONTACT + "cloth/layers.py", "BOUNDS = 0.03", "BOUNDS = 0.1", "friction lags behind by a tenth",
-     "tests/physics/test_contact_laws.py::test_law[middle_drawn-creeps]"),
+     "tests/physics/test_contact_laws.py::test_law[middle_drawn-upper_gains]"),
     (CONTACT + "cloth/layers.py", "(self._too_near() & nearer).any()", "self._too_near().any()",
      "rows pinned near each other get stiffer to part",
      "tests/physics/test_near_starts.py::test_rows_that_are_pinned_near_each_other_throw_nothing"),
@@ -339,6 +341,19 @@ MUTATIONS = (
     (CONTACT + "contacts.py", "self.layers.count > 0 or self.layers.intersections.active", "self.layers.count > 0",
      "tangled cloth without contact steps as if free",
      UNIT + "test_a_step_in_which_layers_turn_out_to_meet_begins_anew"),
+    (SOLVED_STEP, "self.layers.detector.paths.arrive()", "pass", "paths of layers begin where they were predicted to end",
+     "tests/physics/test_seams.py::test_sewn_cloth_in_contact"),
+    (SOLVED_STEP, "            system.start_over()\n            self.balance", "            self.balance",
+     "solves of layers begin where they were predicted to end", "tests/physics/test_seams.py::test_sewn_cloth_in_contact"),
+    (SOLVED_STEP, "            system.keep_reaction(", "            (lambda *_: None)(", "works by reactions of no state",
+     SOLVED + "test_work_of_pins_that_draw_cloth_over_a_plane"),
+    (SOLVED_STEP, "self.part == 1 and self.layers.settled()", "self.part == 1", "solved layers have friction of another load",
+     "tests/physics/test_contact_laws.py::test_law[middle_drawn-upper_gains]"),
+    (NONLINEAR + "solid_contact.py", "made = minimize(problem, most + (FINDING if together else 0))",
+     "made = minimize(problem, 1 if together else most)", "layers are not solved",
+     SOLVED + "test_a_drape_accounts_for_its_energy"),
+    (SOLVED_STEP, "slack = self.enough if last and contacts.meeting else 0.0", "slack = self.enough",
+     "free steps gain energy", FREE),
     (LAYER_STEP, "contacts.stop_short()", "contacts.solids.stop_short()", "contacts are held that a short step has not met",
      "tests/physics/test_cloth_on_cloth.py::test_what_rests_lies_as_near_whatever_the_step"),
     (LAYER_STEP, "(self.agrees or later)", "self.agrees", "contacts with solids change for ever", LATER),

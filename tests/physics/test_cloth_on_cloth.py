@@ -55,7 +55,7 @@ def test_what_rests_lies_as_near_whatever_the_step(monkeypatch, shifts):
         scene.add_solid(tc.Plane(), 0.3, THICKNESS)
         for k in range(3):
             scene.add_cloth(mesh, FABRIC, mesh.x + [0, 0.006 * (k + 1), 0], contact=tc.ClothContact(THICKNESS, 0.3))
-        with tc.Simulation(scene, h=h, integrator="backward_euler", threads=1) as sim:
+        with tc.Simulation(scene, h=h, integrator="backward_euler", threads=1, contact_tol=0.1 if shifts else None) as sim:
             while sim.time < 0.3 - 1e-9:
                 sim.step()
             gaps.append(np.diff(sim.positions()[:, 1].reshape(3, -1), axis=0).mean(axis=1) / THICKNESS)
@@ -254,16 +254,16 @@ def test_a_strip_between_plates_slips_at_the_force_of_both(mu):
     sim.close()
 
 
-@pytest.mark.parametrize("cells", [16, 22])
+@pytest.mark.parametrize("cells, contact_tol", [(16, None), (22, None), (22, 0.1)])
 @pytest.mark.slow
-def test_a_sheet_is_drawn_along_by_no_more_than_friction(cells):
+def test_a_sheet_is_drawn_along_by_no_more_than_friction(cells, contact_tol):
     """A cloth is jerked from under another (`scenes/tablecloth_pull.py`): by its velocities the upper one gains mu g a second
     while it slips, within 20 % on the mean and 80 % in all frames but one; then both go on as one, in whole steps but for two
     at most. Of ten starts that differ by a rounding one has 1.15 times as much on the mean and 4.4 times in a frame, the other
     nine within a tenth on the mean. `contact_laws.py` asks for 2 %."""
     pull = scenefile.read(str(pathlib.Path(__file__).parents[2] / "scenes" / "tablecloth_pull.py"))
     scene = pull.make({"cells": cells})
-    sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3, integrator="backward_euler")
+    sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3, integrator="backward_euler", contact_tol=contact_tol)
     mine, most, before, gained = scene.cloths[0].mesh.vertex_count, scene.cloths[0].contact.friction * 9.81, 0.0, []
     while sim.time < REST + 0.8:
         sim.step(1 / 60)

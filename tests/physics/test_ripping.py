@@ -128,11 +128,12 @@ def test_what_was_sewn_meets_as_layers_do():
 
 
 @pytest.mark.slow
-def test_the_energy_of_a_rip_is_accounted_for():
+@pytest.mark.parametrize("contact_tol", [0.1, None])
+def test_the_energy_of_a_rip_is_accounted_for(contact_tol):
     """Panels whose sides meet as they recoil (`scenes/rip_seam.py`): step by step less than 4 % of what pulls put in (2 to 3 %
     from six starts; 13 % where steps of layers do not account for it in all of their solves)."""
     scene = scenefile.read(str(pathlib.Path(__file__).parents[2] / "scenes" / "rip_seam.py")).make({"n": 10})
-    with tc.Simulation(scene, h=1 / 60) as sim:
+    with tc.Simulation(scene, h=1 / 60, contact_tol=contact_tol) as sim:
         while sim.time < 0.95:
             sim.step()
         lost, put_in = (sum(abs(r.ledger[name]) for r in sim.log) for name in ("unaccounted", "pins"))
