@@ -73,7 +73,7 @@ class Options:
         0.5, "number", "largest change of a triangle's stretch |w|/b in a step", "--stretch-limit", positive=True)
     newton_max: int = _option(
         8, "integer", "Newton iterations of a stage; further solves of a step that fails the energy test (with contact_tol "
-        "two more; with layers of cloth 12 solves in any case)", None,
+        "two more, and nine more than that with layers of cloth; 12 solves with layers without contact_tol)", None,
         least=0, most=1_000_000)
     preconditioner: str = _option(
         "auto", "choice", '"multilevel", "block_jacobi", "jacobi" or "none" (masses). "auto" takes multilevel from 500 '
@@ -86,7 +86,7 @@ class Options:
         None, "number", "RMS of the last change of position [m] at which Newton's method stops. None takes 1e-4 for "
         "'newton_euler', and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
     contact_tol: float | None = _option(
-        0.1, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
+        0.1, "number", "largest residual of the force balance of cloth in contact at the end of a step, as a "
         "part of the forces on it: steps are solved to it, by more solves or smaller steps, and contacts agree to a hundredth "
         "of it. .01 is for measurements. None accepts steps after one linearization, by their energy: two thirds of the time "
         "on smooth solids, for previews", "--contact-tol", positive=True, most=100.0)

@@ -37,7 +37,7 @@ LATER = 3  # after so many solves, contacts with solids that still change do not
 # crossing cloth, do bounds of friction. With 2 and 6 the tube on a dance four times as fast takes 63 and 67 steps for 62,
 # three sheets that fall on a ball 167 and 201 solves for 168
 AGREED = 0.1  # relative tolerance of the forces of pairs
-BOUNDS = 0.03  # of the sum of friction's bounds; AGREED where cloth is pinched or crosses. With .1 the upper one of three sheets
+BOUNDS = 0.03  # of the sum of friction's bounds; AGREED where cloth is pinched or crosses. With .1 the upper of three sheets
 # gains 2.74 m/s^2 for 2.98 (2.94 by law). In steps that are not solved `layers` takes 120, 154 and 174 solves with .1, this
 # and .01, two layers under an arm that closes 74, 74 and up to 157 steps
 RUBBED = 0.05  # tolerance of friction above Coulomb's limit, tested after the first solve only. With .1 ten sheets at rest

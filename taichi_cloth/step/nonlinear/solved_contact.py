@@ -10,7 +10,8 @@ linear solve to AGREED of that.
 Layers of cloth are part of it where they meet. Pairs of layers are linearized where each solve begins, an update ends where
 the first of them collide, and the last one has to go all of its way, with forces and friction of pairs as it took them.
 
-A step whose energy grows is solved further. A step within BEARABLE times the tolerance is accepted; its `contact_error` shows the residual. Any other is tried smaller.
+A step whose energy grows is solved further. A step within BEARABLE times the tolerance is accepted; its `contact_error` shows
+the residual. Any other is tried smaller.
 
 Differs from `solid_contact` and `layer_contact`: the balance is that of the step's end, not of its linearization.
 
