@@ -140,15 +140,14 @@ class LayerStep(EulerStep):
             return self.refuse(measures)
         if not self.agreed:
             return None
-        strict = k < self.layers.ROUNDS // 2 or self.exacting
+        strict = k < self.layers.ROUNDS // 2
         ended = self.conclude(measures, strict)
         if strict:
             ended = self.accounted(ended)
         return None if ended is None else self.finish(*ended)
 
     def conclude(self, measures: Measures, strict: bool = False) -> tuple[Measures, Ledger] | None:
-        """Calls `EnergyTest.conclude`. In the first half of the solves, and always where something may rip or tear, gas works
-        or cloth is beyond a limit, a step has to account for its energy before it is slowed down."""
+        """Calls `EnergyTest.conclude`. In the first half of the solves a step has to account for its energy before it is slowed down."""
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, self.fits if strict else None)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
