@@ -147,7 +147,8 @@ class LayerStep(EulerStep):
         return None if ended is None else self.finish(*ended)
 
     def conclude(self, measures: Measures, strict: bool = False) -> tuple[Measures, Ledger] | None:
-        """Calls `EnergyTest.conclude`. In the first half of the solves a step has to account for its energy before it is slowed down."""
+        """Calls `EnergyTest.conclude`. In the first half of the solves a step has to account for its energy before
+        it is slowed down."""
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, self.fits if strict else None)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
