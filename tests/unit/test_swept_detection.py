@@ -136,6 +136,38 @@ def test_pairs_are_found_as_if_all_were_looked_for_anew(moving, rng):
     assert pairs > 500 and kept >= 2, (pairs, kept)
 
 
+def spiked(rng) -> tuple[np.ndarray, np.ndarray]:
+    """A ball whose vertices are pulled in or out at random: acute corners, dents and saddles."""
+    x, faces = tc.Sphere(0.4).surface()
+    x, back = np.unique(x.round(9), axis=0, return_inverse=True)
+    faces = back.ravel()[faces]
+    faces = faces[(np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)]
+    return x * rng.uniform(0.9, 1.1, size=(len(x), 1)), faces
+
+
+def test_corners_of_a_mesh_have_their_outside_out(rng):
+    """Points at rest near corners, one of them a needle's, against exact distances and winding numbers: the faces of a corner
+    face all ways, and none alone says on which side a point is."""
+    needle = np.array([[0.007, 0, -0.1], [-0.007, 0.007, -0.1], [-0.007, -0.007, -0.1], [0, 0, 0]]) + 0.5
+    for x, faces in ((needle, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])), spiked(rng)):
+        scene, mesh = tc.Scene(), tc.grid(1.0, 40)
+        scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100)), positions=mesh.x + [0, 50, 0])
+        solid = scene.add_solid(tc.SolidMesh(x, faces), friction=0.0, thickness=THICK)
+        sim = tc.Simulation(scene, h=H, threads=1)
+        model, detector = sim.model, sim.contacts.detector
+        way = rng.normal(size=(model.n, 3))
+        reach = THICK * rng.uniform(0.05, 0.95, size=(model.n, 1))
+        q = x[rng.integers(len(x), size=model.n)] + reach * way / np.linalg.norm(way, axis=1)[:, None]
+        model.write_particles(q - model.origin, np.zeros_like(q))
+        model.save()
+        detector.set_time(0.0, H)
+        found = detector.detect()
+        assert np.array_equal(found.index, np.arange(model.n))
+        d = signed_distance(solid, 0.0, q)
+        assert (d < 0).sum() > 30 and (d > 0).sum() > 800
+        assert found.gap + THICK == pytest.approx(d, abs=1e-9)
+
+
 def test_what_flies_through_a_thin_solid_is_kept_on_its_side():
     """The plane of contact is that of the side that was hit, though the way ends beyond the other."""
     mesh, scene = tc.grid(0.2, 6), tc.Scene()

@@ -3,6 +3,10 @@
 A vertex meets a plane, like those of analytic solids. It is that of the nearest triangle at the end of the step, or, where the
 way leads through the surface, of the first that the vertex comes near. That one is found by conservative advancement: strides
 of the distance left over the speed left, which cannot jump over a contact. A vertex that only leaves a surface has its plane.
+
+Near a corner or an edge, a point is outside if its heights above all faces there, weighted by the angles that these cover
+around the closest point, have a positive sum [Baerentzen and Aanaes, IEEE TVCG 11(3), 2005]. No face alone tells it: a point
+above the tip of a needle can be behind one of its faces.
 """
 
 import numpy as np
@@ -17,6 +21,7 @@ from .tree import OFF, TriangleTree
 from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
 
 STRIDES = 24
+TIE = 1e-7  # of the thickness, by which distances to triangles of one edge or corner differ
 
 
 @ti.data_oriented
@@ -67,9 +72,9 @@ class SurfaceDetector:
         particle nearest to a part that is off meets nothing."""
         reach = self.margin[0] + self.depth[i]
         low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
-        # nearest at the start: distance, side, motion of the solid; at the end: distance, side, triangle; first hit
-        d_0, side_0, moved, sure_0 = 1e30, 1.0, a * 0, 0.0
-        d_1, side_1, n_1, sure_1, solid_1, near = 1e30, 1.0, a * 0, 0.0, -1, -1
+        # nearest at the start: distance, sums of heights, the largest, motion; at the end: the same, triangle; first hit
+        d_0, up_0, sure_0, moved = 1e30, 0.0, 0.0, a * 0
+        d_1, up_1, sure_1, solid_1, near, n_1, face_1 = 1e30, 0.0, 0.0, -1, -1, a * 0, a * 0
         when, n_hit, at_hit, solid_hit, hit = 2.0, a * 0, a * 0, -1, -1
         closed, nearest, pierced = 0, 1e30, 0
         node = 1
@@ -89,22 +94,25 @@ class SurfaceDetector:
                         w, difference, normal = self.tree.closest(t, a, 0.0)
                         d = difference.norm()
                         up = difference.dot(normal)
-                        sure = ti.abs(up) / ti.max(d, 1e-20)
                         side = 1.0 if up >= 0 else -1.0
                         c_0, c_1 = self.tree.point(t, w, 0.0), self.tree.point(t, w, 1.0)
-                        if d < d_0 - 1e-7 * thick or (d < d_0 + 1e-7 * thick and sure > sure_0):
-                            d_0, side_0, sure_0, moved = ti.min(d, d_0), side, sure, c_1 - c_0
-                            closed = info[2]
+                        if d < d_0 - TIE * thick:
+                            up_0, sure_0 = 0.0, -1.0
+                        if d < d_0 + TIE * thick:
+                            up_0 += self.tree.angle(t, w, 0.0) * up
+                            if ti.abs(up) > sure_0:
+                                sure_0, moved, closed = ti.abs(up), c_1 - c_0, info[2]
+                            d_0 = ti.min(d, d_0)
                         w_1, difference_1, normal_1 = self.tree.closest(t, b, 1.0)
-                        e = difference_1.norm()
-                        up_1 = difference_1.dot(normal_1)
-                        sure_e = ti.abs(up_1) / ti.max(e, 1e-20)
-                        if e < d_1 - 1e-7 * thick or (e < d_1 + 1e-7 * thick and sure_e > sure_1):
-                            d_1, sure_1, solid_1, near = ti.min(e, d_1), sure_e, info[0], t
-                            side_1 = 1.0 if up_1 >= 0 else -1.0
-                            n_1 = difference_1 / ti.max(e, 1e-20)
-                            if e < 1e-3 * thick:
-                                n_1 = side_1 * normal_1
+                        e, height_1 = difference_1.norm(), difference_1.dot(normal_1)
+                        if e < d_1 - TIE * thick:
+                            up_1, sure_1 = 0.0, -1.0
+                        if e < d_1 + TIE * thick:
+                            up_1 += self.tree.angle(t, w_1, 1.0) * height_1
+                            if ti.abs(height_1) > sure_1:
+                                sure_1, solid_1, near = ti.abs(height_1), info[0], t
+                                n_1, face_1 = difference_1 / ti.max(e, 1e-20), normal_1
+                            d_1 = ti.min(e, d_1)
                         if ti.max(d_0, d_1) < nearest:  # nothing further away than both ends' nearest counts any more
                             nearest = ti.max(d_0, d_1)
                             within = ti.min(reach, ti.max(self.margin[0], nearest + 1e-6 * self.margin[0]))
@@ -121,9 +129,15 @@ class SurfaceDetector:
         solid, triangle, n, at = -1, near, n_1, b
         if solid_1 >= 0:
             thick = self.thickness[solid_1]
-            side = 1.0 if closed == 1 else side_0
-            n = n_1 * side * side_1  # out of the solid, or to the side it came from
-            height = d_1 * side * side_1
+            side = 1.0  # out of the solid, or to the side it came from
+            if closed == 0 and up_0 < 0:
+                side = -1.0
+            height = side * d_1
+            if up_1 < 0:
+                height = -height
+            n = side * face_1
+            if d_1 >= 1e-3 * thick:
+                n = n_1 * height / d_1
             at = b - (height - thick) * n
             if d_1 <= reach and height < thick * (1 + KEEP):  # beyond reach, the nearest may not have been seen
                 solid = solid_1

@@ -3,6 +3,8 @@
 Its boxes hold the triangles at the start and at the end of a step, and so on all the way between.
 """
 
+import math
+
 import numpy as np
 
 from ...backend.bvh import BVH, LEAF, morton
@@ -157,6 +159,17 @@ class TriangleTree:
         a, b, c = self.corner(t, 0, s), self.corner(t, 1, s), self.corner(t, 2, s)
         w = on_triangle(p, a, b, c)
         return w, p - w[0] * a - w[1] * b - w[2] * c, (b - a).cross(c - a).normalized(1e-30)
+
+    @ti.func
+    def angle(self, t, w, s):
+        """Angle [rad] that triangle t covers around its point with weights w: pi on an edge, at a corner its own."""
+        out = math.pi
+        for k in range(3):
+            if w[k] == 1:
+                at = self.corner(t, k, s)
+                one, two = self.corner(t, (k + 1) % 3, s) - at, self.corner(t, (k + 2) % 3, s) - at
+                out = ti.atan2(one.cross(two).norm(), one.dot(two))
+        return out
 
     @ti.func
     def point(self, t, w, s):
