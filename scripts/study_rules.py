@@ -30,6 +30,7 @@ RULES: dict[str, list[Change]] = {
     "stiffer layers": [("contact.cloth.contact_pairs", "STIFFER", 1.0)],
     "stiffer edges of solids": [("contact.solid.pairs", "TIMES", MANY)],
     "looser law of contact": [("contact.contacts", "AGREED", 0.02)],
+    "planes that follow": [("contact.solid.balance", "MET", MANY)],
     "growth of thickness": [("contact.growth", "NEAR", 0.0)],
 }
 

@@ -15,7 +15,7 @@ from ..system.place import Place
 from ..system.state import ParticleState
 from .points import ContactForce, ContactRows, Pushes
 from .settle import Moved, move_apart
-from .solid.balance import Balance, Found
+from .solid.balance import MET, Balance, Found
 from .solid.sliding import Sliding
 from .solid.solid_contacts import SolidContacts
 from .stack_order import StackOrder
@@ -187,9 +187,10 @@ class Contacts(Checkpointed):
         return agrees
 
     def cones(self) -> Cones | None:
-        """The cones of friction of the contacts found, if their residual is large; else None: then their states follow from
-        the law alone. If there are any, the last solve's friction on solids is taken out of the system."""
-        if self.found is None or self.found.residual.relative <= NEAR:
+        """The cones of friction of the contacts found, if their residual is large and their planes still follow; else None:
+        then their states follow from the law alone. If there are any, the last solve's friction on solids is taken out of the
+        system."""
+        if self.found is None or self.found.residual.relative <= NEAR or self.rounds > MET:
             return None
         cones = self.balance.cones(self.found)
         if cones is not None:

@@ -30,6 +30,7 @@ from dataclasses import replace
 
 from ...backend.timing import Clock
 from ...contact.points import tangential
+from ...contact.solid.balance import MET
 from ...contact.solid.sliding import Sliding
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
@@ -48,8 +49,8 @@ AGREED = 0.01  # tolerance of Coulomb's law, over `contact_tol`. With .1, .03 an
 # (6.68 on its polygon), and `sphere_drape` takes 551, 544 and 556 solves
 STRICT = 3  # solves after which that tolerance doubles in each. If it never does 664 solves, after 2 of them 540
 FAR = 0.3  # error of Coulomb's law, over `contact_tol`, above which states come from the proximal gradient method. With 1
-# `table` takes 430 solves for 389, without the method 658. From the law alone after 2 solves, after 4 and never it takes 759,
-# 779 and 708 in 1.5 s, `sphere_drape` 1,115, 1,069 and 1,041 in 2 s (means of three starts)
+# `table` takes 430 solves for 389. After MET solves they follow from the law alone: after 2, these 4 and never `table` takes
+# 510, 449 and 485, without the method 658 (`bunny_drape` takes 800 to 2,300 with any of them, by chance)
 BEARABLE = 5.0  # times the tolerances, within which a step that is not solved is accepted. With 3 597 solves for 562: smaller
 # steps cost twice as much
 
@@ -182,7 +183,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.balance.inertia, holding = system.inertia(self.balance.near), solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.solve_impulses, holding.forces(
-                solids.active.contacts, balance_reaction), self.enough, self.agreed)
+                solids.active.contacts, balance_reaction), self.enough, self.agreed, fixed=self.balance.k >= MET)
         if self.layers is None:
             return measures
         return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
@@ -218,7 +219,8 @@ class SolvedStep(StepProblem):
     def relax(self) -> None:
         """States of contacts for the next solve, by the proximal gradient method where they are far from the law."""
         system, again = self.system, self.relaxed
-        self.relaxed = self.residual.law > FAR * self.enough and not system.operator.has_low_rank
+        self.relaxed = len(self.solutions) <= MET and self.residual.law > FAR * self.enough
+        self.relaxed &= not system.operator.has_low_rank
         with self.clock.part("C-S"):
             cones = self.balance.cones(self.found) if self.relaxed else None
         if cones is None:
