@@ -33,7 +33,7 @@ def add_parsers(commands) -> None:
     diff = commands.add_parser("diff", help="differences between two runs, and the time at which their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
-    why = commands.add_parser("why", help="the costliest steps, where they had trouble, and advice")
+    why = commands.add_parser("why", help="the worst and the costliest steps, where they had trouble, and advice")
     why.add_argument("run", help="a run's folder")
     why.add_argument("--steps", type=int, default=10, metavar="N", help="how many of them (10)")
     report = commands.add_parser("report", help="one HTML page about a run")

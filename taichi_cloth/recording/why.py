@@ -1,4 +1,4 @@
-"""Where the time of a recorded run went: its parts, the costliest steps, where cloth was in trouble then, and remedies."""
+"""Where the time of a recorded run went: its parts, the worst and the costliest steps, where cloth was in trouble."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from ..output.recording import Recording
 from ..step.records import Trouble
 from ..step.stepper import ADVICE
 from .reasons import meaning, refused, remedy, usual, why_refused
+from .worst import worst_of
 
 PARTS = {"CG": "linear solves", "EVAL": "forces and their derivatives", "C-S": "contact with solids",
          "C-C": "contact of cloth with cloth"}
@@ -17,7 +18,7 @@ LEAST, WORTH = 0.005, 0.1  # parts of a run that are told of, and of which it is
 
 
 def costliest(recording: Recording, count: int = 10) -> str:
-    """Parts of the time of a run, then a paragraph for each of the `count` steps that took longest, and advice.
+    """Parts of the time of a run, its worst steps, a paragraph for each of the `count` steps that took longest, and advice.
 
     Raises:
         OutputError: the run has no steps.
@@ -27,7 +28,7 @@ def costliest(recording: Recording, count: int = 10) -> str:
         raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
     m = recording.manifest
     parts = time_of(m, log)
-    return "\n".join([*parts, costliest_of(log, count, str(m.get("status", "")))])
+    return "\n".join([*parts, *worst_of(log), costliest_of(log, count, str(m.get("status", "")))])
 
 
 def lasting(seconds: float) -> str:

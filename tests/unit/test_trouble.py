@@ -133,6 +133,22 @@ def test_why_begins_with_the_parts_of_all_the_time():
     assert told(0, wall_s=0.5).startswith("10 steps took 1.5 s")
 
 
+def test_why_names_the_worst_step_by_each_measure_before_the_costliest():
+    """Energy unaccounted for, refused attempts, stretch: each of another step than the one that took longest."""
+    steps = [{"t": 0.1 * k, "h": 0.1, "solves": 4, "iterations": 9, "seconds": {"total": 2 / k**2}, "rejections": {},
+              "energies": {"kinetic": 2.0}, "ledger": {"unaccounted": 1e-4}, "stretch": 1.05} for k in range(1, 6)]
+    calm = costliest(SimpleNamespace(path="run", telemetry=lambda: steps, manifest={}))
+    assert calm.startswith("5 steps took")
+    steps[1]["ledger"] = {"unaccounted": -0.3}
+    steps[2]["rejections"] = {"ENERGY": 2, "NEWTON": 1}
+    steps[3]["stretch"] = 1.75
+    lines = costliest(SimpleNamespace(path="run", telemetry=lambda: steps, manifest={})).splitlines()
+    assert lines[0] == "worst of 5 steps, by energy, refused attempts and stretch:" and lines[4].startswith("5 steps took")
+    assert lines[1] == "    step 1 to t = 0.2 s: most energy unaccounted for, 0.3 J lost"
+    assert lines[2] == "    step 2 to t = 0.3 s: most refused attempts, 3"
+    assert lines[3] == "    step 3 to t = 0.4 s: largest stretch, 1.750 of the length at rest"
+
+
 @pytest.mark.parametrize("reason, detail, says", [
     ("NEWTON", "8 solves", "forces were not yet in balance (NEWTON; 8 solves)"), ("OTHER", "", "OTHER (OTHER)"),
     ("CONTACT", "", "contacts did not settle (CONTACT)"),
