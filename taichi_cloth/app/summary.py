@@ -10,7 +10,7 @@ import numpy as np
 from .. import __version__
 from ..errors import many
 from ..recording.accounts import SIGN, change, changes
-from ..recording.reasons import refused, usual
+from ..recording.reasons import NOTHING, refused, usual
 from ..recording.why import LEAST, PARTS, lasting
 from ..simulation import Simulation
 from ..step.attempt import TOUCH
@@ -83,11 +83,12 @@ def percent(part: float) -> str:
     return f"{100 * part:.0f} %" if part >= 0.0995 else f"{100 * part:.2g} %"
 
 
-def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0) -> str:
+def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0, other: bool = False) -> str:
     """A line on trouble of a run, by its `summary`, each with whether there is anything to do.
 
     Args:
         largest: step [s]; out: the run's folder; crossed: places in which cloth passes through cloth at the end.
+        other: whether other lines have advice; "there is nothing to do" is said only where none is given.
     """
     steps, rejected = s["steps"], sum(s["rejections"].values())
     bounds = rejected, steps, s["smallest_h"] or 0.0, largest
@@ -108,10 +109,11 @@ def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0) -> str:
                     + (NO_ROOM if s["pinched"] else "start it where there is room, or with a larger thickness of the solid"))
     if s["known_intersections"]:
         advice = NO_ROOM if s["pinched"] else "start it apart, or with a larger thickness of its contact"
-        end = f"{crossed:,} at the end: {advice}" if crossed else "none at the end: there is nothing to do"
+        end = f"{crossed:,} at the end: {advice}" if crossed else f"none at the end{NOTHING}"
         (said if crossed else fine).append(f"cloth passed through cloth in {many(s['known_intersections'], 'place')} at most, "
                                            f"{end}")
-    return f"trouble: {'; '.join([*(said or ['none']), *fine])}\n"
+    line = "; ".join([*(said or ["none"]), *fine])
+    return f"trouble: {line.replace(NOTHING, '') if said or other else line}\n"
 
 
 def _detail(s: dict) -> str:
@@ -147,10 +149,11 @@ def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None =
         layers = (f"layers: at most {many(s['layers'], 'pair')} of cloth in contact, nearest at {s['min_gap_ratio']:.2f} of "
                   f"the distance that they keep; cloth through cloth {counted}{squeezed}\n")
     crossed = sim.last.known_intersections if sim.last else 0
-    trouble = _trouble(s, sim.tally.largest_h or 0.0, out, crossed) + (_detail(s) if verbose else "")
+    doubt, damps = _doubt(sim), _damps(sim)
+    trouble = _trouble(s, sim.tally.largest_h or 0.0, out, crossed, bool(doubt or damps)) + (_detail(s) if verbose else "")
     return (f"model: {model}, largest stretch {s['largest_stretch']:.3f}\n{layers}{_seams(sim)}{_tears(sim)}{trouble}"
             f"energy: {_energy(s['energy'])}\n"
-            f"{_doubt(sim)}{_damps(sim)}"
+            f"{doubt}{damps}"
             f"{_cost(sim, s, wall, start, spent or {})}")
 
 

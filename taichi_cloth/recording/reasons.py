@@ -3,6 +3,7 @@
 from ..step.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, TOUCH
 from ..step.stepper import ADVICE
 
+NOTHING = ": there is nothing to do"
 FEW, SMALLER = 0.1, 16  # part of all attempts that are usually refused; times that a step is made smaller for it
 MEANS = {
     STRETCH: "a triangle would stretch by more than stretch_limit in one step",
@@ -56,5 +57,5 @@ def refused(rejected: int, steps: int, smallest: float, largest: float) -> str:
         return "no attempt at a step was refused"
     said = f"{rejected} of {rejected + steps} attempts at a step {'was' if rejected == 1 else 'were'} refused and made smaller"
     if usual(rejected, steps, smallest, largest):
-        return f"{said}: usual, there is nothing to do"
+        return f"{said}, as is usual{NOTHING}"
     return f"{said}, down to {1e3 * smallest:.3g} ms"

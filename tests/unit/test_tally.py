@@ -165,6 +165,15 @@ def test_the_last_lines_say_whether_there_is_anything_to_do(other, says):
         assert word not in line
 
 
+@pytest.mark.parametrize("other", [{"unsolved_contact": 30, "contact_error": 0.3}, {"solid_intersections": 1}, {}])
+def test_nothing_to_do_is_told_only_where_no_advice_is(other):
+    """A smaller --h and "there is nothing to do" stood in one line."""
+    calm = {"rejections": {"CONTACT": 3}, "known_intersections": 8}
+    line = trouble_line(ended(**calm, **other), 0.02, "out", 0)
+    assert ("nothing to do" in line) == (not other) and "as is usual" in line and "none at the end" in line
+    assert "nothing to do" not in trouble_line(ended(**calm), 0.02, "out", 0, other=True)
+
+
 def test_numbers_of_the_solver_are_told_where_they_are_asked_for(simulations):
     plain, told = (describe(simulations[0], 1.0, verbose=verbose) for verbose in (False, True))
     assert "worst residual" in told and "rejected attempts: " in told and "worst residual" not in plain

@@ -112,7 +112,7 @@ def told(rejections: int, h: float = 0.1, status: str = "finished", **manifest):
 def test_a_refused_attempt_is_told_by_its_reason_and_advice_is_given_where_there_are_many():
     few, many, small = told(1), told(5), told(1, h=0.001)
     assert "first tried with h = 200 ms, and refused: cloth would end too deep inside a solid (CONTACT), at vertex 7" in few
-    assert "in all 1 of 11 attempts at a step was refused and made smaller: usual, there is nothing to do" in few
+    assert "in all 1 of 11 attempts at a step was refused and made smaller, as is usual: there is nothing to do" in few
     for text in (few, told(0)):
         assert "settle" not in text and "pinched" not in text and "slow" not in text
     for text in (many, small):

@@ -212,6 +212,6 @@ class SolidPolicy(EulerPolicy):
                 return made
             if contacts.meeting:
                 self.system.tell("some small steps in contact were solved less exactly, as is usual where cloth hits "
-                                 "something: there is nothing to do; a run's last lines say how inexact forces are")
+                                 "something; a run's last lines say how inexact forces are")
         self.system.start_over()
         return None
