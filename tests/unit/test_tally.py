@@ -11,7 +11,7 @@ from taichi_cloth.app import cli
 from taichi_cloth.app.summary import _energy as energy_line
 from taichi_cloth.app.summary import _trouble as trouble_line
 from taichi_cloth.app.summary import describe, summary
-from taichi_cloth.recording.accounts import IN_WORDS
+from taichi_cloth.recording.accounts import IN_WORDS, NUMERICAL_GAIN, changes
 from taichi_cloth.recording.report import _energy, _trouble
 from taichi_cloth.step.ledger import Ledger
 from taichi_cloth.step.records import StepRecord, Tally
@@ -98,7 +98,7 @@ def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_
 def numbers_in(text: str) -> dict[str, float]:
     """Numbers with a sign, by the words before them."""
     words = re.sub("<[^>]+>", " ", text).replace("unaccounted for", "unaccounted")
-    for name, said in IN_WORDS.items():
+    for name, said in [*IN_WORDS.items(), ("method", NUMERICAL_GAIN)]:
         words = words.replace(said, name)
     return {name: float(value) for name, value in re.findall(r"(\w+) +([+-][\d.e+-]*\d)", words)}
 
@@ -114,6 +114,13 @@ def test_a_run_and_its_report_give_energies_one_sign_and_say_which(ledger):
     assert set(said) == {*ledger, "damping", "unaccounted"} and change == pytest.approx(sum(said.values()), abs=0.06)
     assert {name: told[name] for name in said} == pytest.approx(said, rel=0.05) and told["all"] == change
     assert all(said[name] == (-value if name in ("damping", "method", "plastic") else value) for name, value in ledger.items())
+
+
+@pytest.mark.parametrize("lost, words", [(0.25, "numerical damping -0.25"), (-0.25, "numerical gain +0.25")])
+def test_loss_and_gain_by_the_method_have_words_of_their_own(lost, words):
+    """"The method of steps +0.25" did not say whether it was lost or gained."""
+    total = Tally.of([step(method=lost)]).ledger
+    assert words in energy_line(total) and sum(changes(total).values()) == pytest.approx(-0.5 - lost)
 
 
 @pytest.mark.slow
