@@ -72,7 +72,11 @@ def __getattr__(name: str):
         return found
     if name == "ti":  # the language of kernels, for laws of one's own
         return importlib.import_module(".backend.language", __name__).ti
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from .errors import nearest
+
+    near = None if name.startswith("_") else nearest(name, __all__)
+    hint = f"; did you mean {near!r}?" if near else ""
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
 
 
 def _suggest() -> None:

@@ -43,6 +43,19 @@ def test_missing_arguments_are_told_of_what_was_called():
         tc.Scene().add_cloth(MESH)
 
 
+@pytest.mark.parametrize("name, meant", [("Sphre", "Sphere"), ("simulatoin", "Simulation"), ("render_frame", "render_frames")])
+def test_the_nearest_name_of_the_package_is_suggested(name, meant):
+    with pytest.raises(AttributeError, match=rf"'taichi_cloth' has no attribute '{name}'; did you mean '{meant}'\?$"):
+        getattr(tc, name)
+    assert not hasattr(tc, "nearest")
+
+
+@pytest.mark.parametrize("name", ["zzzz", "__path_of__", "_Sphre"])
+def test_a_name_like_none_and_a_private_one_suggest_nothing(name):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}'$"):
+        getattr(tc, name)
+
+
 CHANGES = {"gravty gravity": (tc.Scene, None), "Air air": (tc.Scene, None), "densty density": (lambda: DENIM, 1.0),
            "colour color": (lambda: tc.Scene().add_cloth(MESH, DENIM), "red"),
            "frictoin friction": (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.3, 0.1), 0.5),
