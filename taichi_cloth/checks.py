@@ -10,6 +10,7 @@ import math
 import numbers
 import os
 import pathlib
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
@@ -22,6 +23,7 @@ from .errors import ClothError, SceneError, did_you_mean, shown
 LARGEST, SMALLEST = 1e30, 1e-30
 MOST = 1_000_000_000  # of anything that is counted: it fits 32 bits
 DIGITS = 18  # of a whole number in a text
+A_NUMBER = r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?(/[0-9.]+)?"  # as Python reads it, such as 1e-3 or 1/60
 
 T = TypeVar("T")
 Error = type[ClothError]
@@ -43,7 +45,8 @@ def number(what: str, value: object, unit: str = "", *, positive: bool = False, 
     low = SMALLEST if positive else -LARGEST if least is None else least
     high = LARGEST if most is None else most
     if not low <= out <= high:
-        raise error(f"{what} = {shown(value)}{unit and ' ' + unit}: must be {_allowed(out, positive, least, most)}")
+        allowed = _allowed(out, positive, least, most) + _quoted(value)
+        raise error(f"{what} = {shown(value)}{unit and ' ' + unit}: must be {allowed}")
     return out
 
 
@@ -73,7 +76,7 @@ def integer(what: str, value: object, least: int = 1, most: int = MOST, error: E
     if not (least <= out <= most and out == int(out)):
         bound = f"of at least {least:,}" if not out > most else f"from {least:,} to {most:,}"
         said = f"{out:.0f}" if isinstance(value, float) and out.is_integer() else shown(value)
-        raise error(f"{what} = {said}: must be a whole number {bound}")
+        raise error(f"{what} = {said}: must be a whole number {bound}{_quoted(value)}")
     return int(out)
 
 
@@ -259,6 +262,12 @@ def png(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
     if out.suffix.lower() != ".png":
         raise error(f"{what} = {str(out)!r}: must end with .png: pictures are written as PNG only")
     return out
+
+
+def _quoted(value: object) -> str:
+    """A half-sentence on a text that is a number but for its quotes; "" for all else."""
+    a_number = isinstance(value, str) and len(value) <= DIGITS and re.fullmatch(A_NUMBER, value)
+    return f", not text: {value} without quotes" if a_number else ""
 
 
 def _real(value: object) -> float:

@@ -217,6 +217,18 @@ def test_colours_are_three_parts_from_0_to_1(color):
         tc.Scene().add_solid(tc.Sphere(1.0), 0.1, 0.01, color=color)
 
 
+@pytest.mark.parametrize("text", ["1/60", "1e-3", ".5", "-2", "1/0"])
+def test_a_number_in_quotes_is_told_to_be_one(text):
+    """The command line takes h as 1/60; Python takes it without quotes."""
+    with pytest.raises(tc.SceneError, match=rf"^h = '{text}' s: must be a number .*, not text: {text} without quotes$"):
+        tc.Options(h=text)
+    for other in ("", "a", "1/60 s", "1" * 40, "nan", "/2"):
+        with pytest.raises(tc.SceneError, match=r"^h = '.*' s: must be a number from 1e-12 to 100$"):
+            tc.Options(h=other)
+    with pytest.raises(tc.SceneError, match="^threads = '4': must be a whole number .*, not text: 4 without quotes$"):
+        tc.Options(threads="4")
+
+
 def test_files_that_are_not_there_are_answered_with_the_nearest(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "shirt.obj").write_text("v 0 0 0\n")
