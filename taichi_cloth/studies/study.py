@@ -186,11 +186,14 @@ def mark_front(rows: list[Row]) -> None:
 
 
 def table(s: Study) -> str:
-    """The rows as text; a star marks the Pareto front, and a last line explains it."""
+    """The rows as text; a star marks the Pareto front, and last lines explain it and the name of the default method."""
     return "\n".join([f"{s.scene}: RMS error of positions at t = {s.predictable:.3g} s against {s.reference}",
-                      HEADER, *(line(row) for row in s.rows), *([STAR] if any(row.best for row in s.rows) else [])])
+                      HEADER, *(line(row) for row in s.rows),
+                      *([SAFE] if any(row.case.integrator == "safe" for row in s.rows) else []),
+                      *([STAR] if any(row.best for row in s.rows) else [])])
 
 
+SAFE = "safe, the default: TR-BDF2, in contact with solids BDF2, backward Euler where these cannot step"
 STAR = "* the best for its time: no other case here has both a smaller error and a shorter wall time"
 
 

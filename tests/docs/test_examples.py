@@ -4,6 +4,7 @@ parsed.
 A line `<!-- small: A -> B -->` before a block says what is replaced in it so that the test is quick.
 """
 
+import dataclasses
 import gc
 import os
 import pathlib
@@ -12,7 +13,9 @@ import shlex
 
 import pytest
 
+import taichi_cloth as tc
 from taichi_cloth.app import scenefile
+from taichi_cloth.scene import primitives
 
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -104,6 +107,13 @@ def test_lines_of_the_readme_need_nothing_that_they_do_not_name():
                 own = (ROOT / word).exists() or any(pathlib.PurePath(word).is_relative_to(path) for path in made)
                 assert own or "of yours" in comment, line
     assert seen == set(extras)
+
+
+def test_the_readme_names_all_solids_and_the_default_method():
+    text = (ROOT / "README.md").read_text()
+    solids = [name for name, made in vars(primitives).items() if dataclasses.is_dataclass(made)]
+    assert len(solids) == 5 and all(f"`{name}`" in text.replace("tc.", "") for name in [*solids, "SolidMesh"])
+    assert f"`{tc.Options().integrator}`" in text
 
 
 def test_scripts_are_there():
