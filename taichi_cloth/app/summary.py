@@ -10,10 +10,11 @@ import numpy as np
 from .. import __version__
 from ..errors import many
 from ..recording.accounts import SIGN, change, changes
-from ..recording.reasons import NOTHING, refused, usual
+from ..recording.reasons import MEANS, NOTHING, refused, usual
 from ..recording.why import LEAST, PARTS, lasting
 from ..simulation import Simulation
 from ..step.attempt import TOUCH
+from ..step.records import Tally
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
 NO_ROOM = "solids leave it no room, as an arm that is pressed into a trunk"
@@ -63,13 +64,17 @@ def _tears(sim: Simulation) -> str:
     return f"tears: {torn} of {all_of} edges are torn or cut\n" if edges else ""
 
 
-def _damps(sim: Simulation) -> str:
-    """A line on free steps that were to be of second order and are not."""
-    count, steps = sim.tally.fallbacks.total() - sim.tally.fallbacks[TOUCH], sim.tally.steps
-    if count <= FELL_BACK * steps:
+def _damps(tally: Tally) -> str:
+    """A line on free steps that were to be of second order and are not: how many, when, why and where."""
+    reasons = {reason: count for reason, count in tally.fallbacks.most_common() if reason != TOUCH}
+    count, steps = sum(reasons.values()), tally.steps
+    if count <= FELL_BACK * steps or tally.damped is None:
         return ""
-    return (f"note: {count} of {steps} steps were too large for their motion, which damps it visibly: a smaller --h follows "
-            "it\n")
+    first, last = tally.damped
+    why = ", ".join(f"{MEANS.get(reason, reason)} in {n}" for reason, n in reasons.items())
+    where = f"; fastest at {tally.damped_at}" if tally.damped_at else ""
+    return (f"note: {count} of {steps} steps were too large for their motion, from t = {first:.3g} to {last:.3g} s, which damps "
+            f"it visibly: a smaller --h follows it ({why}{where})\n")
 
 
 def _doubt(sim: Simulation) -> str:
@@ -149,7 +154,7 @@ def describe(sim: Simulation, wall: float, start: float = 0.0, out: str | None =
         layers = (f"layers: at most {many(s['layers'], 'pair')} of cloth in contact, nearest at {s['min_gap_ratio']:.2f} of "
                   f"the distance that they keep; cloth through cloth {counted}{squeezed}\n")
     crossed = sim.last.known_intersections if sim.last else 0
-    doubt, damps = _doubt(sim), _damps(sim)
+    doubt, damps = _doubt(sim), _damps(sim.tally)
     trouble = _trouble(s, sim.tally.largest_h or 0.0, out, crossed, bool(doubt or damps)) + (_detail(s) if verbose else "")
     return (f"model: {model}, largest stretch {s['largest_stretch']:.3f}\n{layers}{_seams(sim)}{_tears(sim)}{trouble}"
             f"energy: {_energy(s['energy'])}\n"

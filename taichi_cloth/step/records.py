@@ -18,6 +18,7 @@ from ..scene.solids import Solid
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
+from .attempt import TOUCH
 from .ledger import STILL, moved, totals
 
 OFF = 0.01  # part of all forces by which contacts with solids may be off Coulomb's law without a word
@@ -127,6 +128,9 @@ class StepRecord:
     troubles: tuple[Trouble, ...] = ()
     contact_error: float = 0.0
 
+    def __post_init__(self) -> None:
+        self.troubles = tuple(t if isinstance(t, Trouble) else Trouble(**t) for t in self.troubles)  # dicts of telemetry
+
 
 class Locator:
     """Finds the place of a model's state in its scene."""
@@ -171,6 +175,8 @@ class Tally:
         steps, solves, iterations, evaluations, not_converged: numbers of them in all; unsolved: of steps that ended with
             contacts more than 1 % off Coulomb's law.
         rejections: number of attempts by name; fallbacks: of steps by why another method redid them.
+        damped: (first, last) time [s] of steps that were redone though nothing touches, None without; damped_at: where cloth
+            was fastest in one of these, if that is known.
         seconds: [s] by part.
         ledger: J by name, in all.
         moved: energy [J] that moved, see `ledger.moved`; astray: sizes of the energy unaccounted for in each step [J].
@@ -184,6 +190,8 @@ class Tally:
         self.steps = self.solves = self.iterations = self.evaluations = self.not_converged = self.unsolved = 0
         self.rejections: Counter[str] = Counter()
         self.fallbacks: Counter[str] = Counter()
+        self.damped: tuple[float, float] | None = None
+        self.damped_at: Trouble | None = None
         self.seconds: Counter[str] = Counter()
         self.ledger = totals([])
         self.moved = self.astray = self.worst = self.size = 0.0
@@ -213,6 +221,10 @@ class Tally:
         self.unsolved += r.contact_error > OFF
         self.rejections.update(r.rejections)
         self.fallbacks.update([r.fallback_reason] if r.fallback_reason else [])
+        if r.fallback_reason not in ("", TOUCH):
+            self.damped = (self.damped[0] if self.damped else r.t - r.h, r.t)
+            places = [place for place in (self.damped_at, *r.troubles) if place]
+            self.damped_at = max(places, key=lambda place: place.speed, default=None)
         self.seconds.update(r.seconds)
         self.ledger = totals([self.ledger, r.ledger])
         lost = abs(r.ledger["unaccounted"]) if "unaccounted" in r.ledger else 0.0

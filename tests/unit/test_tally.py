@@ -2,19 +2,20 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import cli
+from taichi_cloth.app.summary import _damps as damps_line
 from taichi_cloth.app.summary import _energy as energy_line
 from taichi_cloth.app.summary import _trouble as trouble_line
 from taichi_cloth.app.summary import describe, summary
 from taichi_cloth.recording.accounts import IN_WORDS, NUMERICAL_GAIN, changes
 from taichi_cloth.recording.report import _energy, _trouble
 from taichi_cloth.step.ledger import Ledger
-from taichi_cloth.step.records import StepRecord, Tally
+from taichi_cloth.step.records import StepRecord, Tally, Trouble
 
 
 def step(unaccounted: float = 0.0, **ledger: float) -> StepRecord:
@@ -170,6 +171,19 @@ def test_the_last_lines_say_whether_there_is_anything_to_do(other, says):
     assert line.startswith("trouble: ") and all(word in line for word in says)
     for word in ("CONTACT", "NEWTON", "backward Euler", "Coulomb", "residual"):
         assert word not in line
+
+
+def test_steps_too_large_for_their_motion_are_told_with_when_why_and_where():
+    """Steps in contact are none of them, and three in ten are told of no more."""
+    slow, fast = (Trouble("", 0.1, "", "flag", vertex, (0.0, 1.0, 2.0), speed) for vertex, speed in ((3, 2.0), (8, 5.0)))
+    made = [replace(step(), t=0.1 * k, fallback_reason=reason, troubles=places)
+            for k, reason, places in ((1, "", ()), (2, "ENERGY", (slow,)), (3, "NEWTON", (asdict(fast),)), (4, "ENERGY", ()),
+                                      (5, "TOUCH", (replace(fast, speed=9.0),)), (6, "", ()))]
+    line = damps_line(Tally.of(made))
+    assert "3 of 6 steps were too large for their motion, from t = 0.1 to 0.4 s, which" in line
+    assert "(the step would gain energy in 2, forces were not yet in balance in 1; fastest at vertex 8 of 'flag' at" in line
+    assert damps_line(Tally.of(made[:1] * 5 + made)) == damps_line(Tally.of([made[4]] * 4)) == ""
+    assert "fastest" not in damps_line(Tally.of(made[3:4]))
 
 
 @pytest.mark.parametrize("other", [{"unsolved_contact": 30, "contact_error": 0.3}, {"solid_intersections": 1}, {}])
