@@ -73,8 +73,8 @@ def _damps(tally: Tally) -> str:
     first, last = tally.damped
     why = ", ".join(f"{MEANS.get(reason, reason)} in {n}" for reason, n in reasons.items())
     where = f"; fastest at {tally.damped_at}" if tally.damped_at else ""
-    return (f"note: {count} of {steps} steps were too large for their motion, from t = {first:.3g} to {last:.3g} s, which damps "
-            f"it visibly: a smaller --h follows it ({why}{where})\n")
+    return (f"note: {count} of {steps} steps were too large for their motion, from t = {first:.3g} to {last:.3g} s, which "
+            f"damps it visibly: a smaller --h follows it ({why}{where})\n")
 
 
 def _doubt(sim: Simulation) -> str:

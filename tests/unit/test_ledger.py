@@ -262,6 +262,28 @@ def test_a_sheet_that_comes_to_rest_on_a_plane_gains_nothing(steps, rng):
     assert max(kinetic) < 1.2 * before and kinetic[-1] < 0.02 * max(kinetic)
 
 
+@pytest.mark.parametrize("friction, account, other", [(0.8, "solids", "friction"), (0.1, "friction", "solids")])
+@pytest.mark.slow
+def test_a_plane_that_carries_a_sheet_works_by_solids_and_one_that_drags_it_by_friction(friction, account, other):
+    """Off at 3 m/s^2: the sheet follows with it, or with mu g where that is less. Either way the work of contact is the force
+    times the way of the sheet, from positions."""
+    mesh, scene, (a, g, h) = tc.grid(0.4, 4), tc.Scene(), (3.0, 9.81, 1 / 240)
+    scene.add_cloth(mesh, fabric(5000.0, 500.0, damped=0.0), mesh.x + [0, 0.005, 0])
+    scene.add_solid(tc.Plane(), friction, 0.005, position=lambda t: (0.5 * a * t**2, 0.0, 0.0))
+    sim = tc.Simulation(scene, h=h, integrator="newton_euler", contact_tol=1e-3, threads=1)
+    start, x = sum(energies(sim)), sim.positions()
+    for _ in range(48):
+        sim.step()
+    mass, sums = masses(sim), totals([r.ledger for r in sim.log])
+    force = min(a, friction * g) * mass.sum()
+    way = float(mass @ (sim.positions() - x)[:, 0] / mass.sum())
+    contact = sums["solids"] + sums["friction"] + sums["pushed_out"] + sums["pulled_down"]
+    assert way > 0.018 and sums[account] == pytest.approx(force * way, rel=0.03) and abs(sums[other]) < 1e-3 * contact, sums
+    assert contact == pytest.approx(force * way, rel=0.03)
+    assert sum(energies(sim)) - start == pytest.approx(contact - sums["method"] - sums["damping"], rel=0.02)
+    sim.close()
+
+
 def energy_at_each_step(sim: tc.Simulation, steps: int):
     yield energies(sim)
     for _ in range(steps):
