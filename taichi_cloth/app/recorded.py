@@ -213,6 +213,7 @@ def _turntable(args: argparse.Namespace, recording):
     """A frame of the run, while the camera goes round once."""
     from .. import checks
     from ..errors import SceneError
+    from ..output.facing import facing
     from ..output.framing import fit_round
     from ..output.retimed import Frozen
 
@@ -227,7 +228,8 @@ def _turntable(args: argparse.Namespace, recording):
     args.orbit = 360.0 * recording.fps / count  # degrees a second of the film
     frozen = Frozen(recording, recording.frames()[-1] if args.frame is None else args.frame, count)
     if args.camera is None:  # the scene's own looks at one side
-        camera = fit_round([frozen.points()], 0.0, args.size[0] / args.size[1])
+        way = facing([frozen.frame(0)], frozen.geometry["faces"])
+        camera = fit_round([frozen.points()], 0.0, args.size[0] / args.size[1], way)
         args.camera = [(None, (camera.eye, camera.target, camera.fov))]
     return frozen
 

@@ -167,7 +167,8 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
             "faces": indices(g.get("corners", g["faces"])), "solidFaces": indices(g["solid_faces"]),
             "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
-            "turn": round(float(np.arctan2(way[0], way[2])), 3), "times": [float(f["t"]) for f in frames],
+            "turn": round(float(np.arctan2(way[0], way[2])), 3),
+            "tilt": round(float(np.arctan2(way[1], np.hypot(way[0], way[2]))), 3), "times": [float(f["t"]) for f in frames],
             "fps": recording.fps / every}
     return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
 

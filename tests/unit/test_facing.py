@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app.recorded import _turntable
 from taichi_cloth.backend import runtime
 from taichi_cloth.output.camera import DIRECTION
 from taichi_cloth.output.colors import heat_colors
-from taichi_cloth.output.facing import WAYS, facing
+from taichi_cloth.output.facing import RAISED, WAYS, facing
 from taichi_cloth.output.look import Look
 from taichi_cloth.output.picture import Artist
 from taichi_cloth.recording import record
@@ -51,9 +52,35 @@ def test_a_towel_is_not_seen_edge_on(degrees):
     assert (way == DIRECTION) == (seen(DIRECTION, degrees) > 0.6 * max(seen(other, degrees) for other in WAYS))
 
 
-def test_cloth_that_lies_or_goes_round_something_is_seen_from_the_usual_side():
+def test_cloth_that_goes_round_something_is_seen_from_the_usual_side():
     x, faces = tc.Sphere(0.3).surface()
-    assert facing([{"x": x}], faces) == facing([{"x": turned(40.0)}], SHEET.faces) == facing([], faces) == DIRECTION
+    assert facing([{"x": x}], faces) == facing([], faces) == DIRECTION
+
+
+@pytest.mark.parametrize("slope, above", [(0.0, True), (-0.05, True), (-1.2, False)])
+def test_cloth_that_lies_flat_is_seen_from_above(slope, above):
+    """A tablecloth, from the side on which a flat one is; a steep one shows itself. A line was seen of what lay level."""
+    x = turned(40.0)
+    x[:, 1] = slope * x[:, 2]
+    way = facing([{"x": x}], SHEET.faces)
+    assert (way[1] == RAISED) == above and way[0] == DIRECTION[0] and way[2] == DIRECTION[2]
+
+
+def test_a_turntable_looks_down_at_what_lies_flat(tmp_path, monkeypatch):
+    """And a page about the run begins there."""
+    x = np.column_stack([SHEET.x[:, 0], 0 * SHEET.x[:, 0], SHEET.x[:, 2]])
+    scene = tc.Scene()
+    scene.add_cloth(SHEET, tc.Fabric(0.2, tc.Stretch(100)), x)
+    run = SimpleNamespace(geometry=record.as_built(scene), fps=30, frames=lambda: [0], path="run", manifest={},
+                          frame=lambda k: {"t": np.array(0.0), "x": x})
+    tilt = float(re.search(r'"tilt": ([\d.-]+)', page(run, "", "", ""))[1])
+    assert np.degrees(tilt) == pytest.approx(33.3, abs=0.1)
+    frozen = SimpleNamespace(points=lambda: x, frame=run.frame, geometry=run.geometry)
+    monkeypatch.setattr("taichi_cloth.output.retimed.Frozen", lambda *_: frozen)
+    args = SimpleNamespace(turntable=8, frames="", speed=None, fps=None, orbit=0.0, frame=0, camera=None, size=(64, 48))
+    _turntable(args, run)
+    eye, target, _ = args.camera[0][1]
+    assert np.subtract(eye, target)[1] / np.linalg.norm(np.subtract(eye, target)) == pytest.approx(np.sin(tilt), abs=1e-3)
 
 
 def test_a_fitted_camera_looks_from_there():
