@@ -9,7 +9,8 @@ PACKAGE = "taichi_cloth/"
 FACING = "tests/unit/test_facing.py"
 OUT = PACKAGE + "output/"
 MUTATIONS = (
-    (OUT + "facing.py", "if seen[0] < EDGE_ON * seen.max()", "if False", "a towel is seen edge-on", FACING),
+    (OUT + "facing.py", "if level[0] < EDGE_ON * level.max()", "if False", "a towel is seen edge-on", FACING),
+    (OUT + "facing.py", "if level[k] < LYING * above[k]", "if False", "a tablecloth is a line", FACING),
     (OUT + "facing.py", "for frame in hung or kept", "for frame in kept", "cloth that will hang counts as it lies", FACING),
     (PACKAGE + "recording/expected.py", "size[1] <= LINE * size[0]", "False", "no cloth hangs from a line", FACING),
     (PACKAGE + "recording/accounts.py", "name: -ledger[name] for name in LOSSES", "name: ledger[name] for name in LOSSES",
