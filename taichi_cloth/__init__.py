@@ -76,7 +76,7 @@ def __getattr__(name: str):
 
     near = None if name.startswith("_") else nearest(name, __all__)
     hint = f"; did you mean {near!r}?" if near else ""
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}", name=name, obj=None)  # no hint of Python's
 
 
 def _suggest() -> None:

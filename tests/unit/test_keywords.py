@@ -2,6 +2,8 @@
 
 import inspect
 import pickle
+import subprocess
+import sys
 
 import pytest
 
@@ -48,6 +50,12 @@ def test_the_nearest_name_of_the_package_is_suggested(name, meant):
     with pytest.raises(AttributeError, match=rf"'taichi_cloth' has no attribute '{name}'; did you mean '{meant}'\?$"):
         getattr(tc, name)
     assert not hasattr(tc, "nearest")
+
+
+def test_the_nearest_name_is_suggested_once():
+    """Python has a suggestion of its own at the end of a traceback, and notebooks have none."""
+    done = subprocess.run([sys.executable, "-c", "import taichi_cloth as tc; tc.Sphre"], capture_output=True, text=True)
+    assert done.stderr.lower().count("did you mean") == 1 and done.stderr.endswith("did you mean 'Sphere'?\n")
 
 
 @pytest.mark.parametrize("name", ["zzzz", "__path_of__", "_Sphre"])
