@@ -52,7 +52,7 @@ def detection(cells: int, rounds: int) -> dict:
         layers.collision_free_step()
         layers.look()
         times.append(time.perf_counter() - start)
-    kept = layers.candidates, layers.distances, layers.radii, *layers.found.arrays, *layers.reached.arrays
+    kept = *layers.known.arrays, *layers.found.arrays, *layers.reached.arrays
     row = {"vertices": sim.vertex_count, "candidates": len(layers.candidates), "detect_ms": 1e3 * float(np.median(times[1:])),
            "candidate_mb": sum(a.nbytes for a in kept) / 1e6}
     sim.close()

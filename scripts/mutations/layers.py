@@ -10,6 +10,7 @@ WAY = REFERENCE + "test_the_free_way_of_every_pair"
 SOLVES = REFERENCE + "test_solves_are_told_what_the_reference_says"
 SETTLED = REFERENCE + "test_a_step_ends_when_forces_and_friction_agree"
 STICKS = "tests/physics/test_contact_laws.py::test_law[layers_stick-slip]"
+STORED = "tests/unit/test_device_lists.py::test_candidates_as_they_are_stored"
 UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_on_cloth.py::"
 LATER = UNIT + "test_contacts_with_solids_that_still_change_do_so_in_the_next_step"
 GROWS = UNIT + "test_room_for_points_of_contact_grows"
@@ -157,9 +158,13 @@ MUTATIONS = (
      "only one of two that strayed is looked at", STRAYS),
     (CONTACT + "cloth/broad_phase.py", "ti.cast(1 - self.stirs(", "ti.cast(self.stirs(",
      "what strayed is kept, the rest forgotten", STRAYS),
+    (CONTACT + "cloth/candidate_rows.py", "values * (1 - SINGLE if k == 1 else 1 + SINGLE)", "values",
+     "candidates of earlier checkpoints may be missed", STORED),
+    (CONTACT + "cloth/candidate_rows.py", "first = np.where(pairs[:, 2] == VERTEX_FACE, pairs[:, 0], -1 - pairs[:, 0])",
+     "first = pairs[:, 0]", "pairs of edges come back as vertices and faces", STORED),
     (CONTACT + "cloth/candidate_rows.py", "np.concatenate([new, rows[last]])", "np.concatenate([new, rows[free[:len(last)]]])",
      "what stays is lost where fewer are found than go", STRAYS),
-    (CONTACT + "cloth/broad_phase.py", "= difference.norm(), self.mesh.largest", "= 2 * difference.norm(), self.mesh.largest",
+    (CONTACT + "cloth/broad_phase.py", "difference.norm() * (1 - SINGLE)", "2 * difference.norm()",
      "pairs that were found are taken for further apart than they are", STRAYS),
     ("taichi_cloth/backend/rows.py", "return most > room", "return False", "what lists have no room for is left out",
      FOUND),
@@ -222,6 +227,9 @@ MUTATIONS = (
      "what is free let go by a pinch", BESIDE),
     (CONTACT + "cloth/layers.py", "if self.waived.any():\n", "if False:\n",
      "what solids squeeze is let go and goes through", BESIDE),
+    (CONTACT + "cloth/untangle.py", "        if not len(edges):\n            return np.zeros((0, 2), dtype=np.int64)\n", "",
+     "tables of crossings are made where nothing crosses",
+     UNIT + "test_tables_of_crossings_are_made_where_something_crosses"),
     (CONTACT + "cloth/untangle.py", "bincount(one, ~sewn[four].any(axis=1))", "bincount(one)",
      "tangles of pleats are large", UNIT + "test_a_tangle_is_as_large_as_what_crosses_away_from_seams"),
     (NONLINEAR + "layer_contact.py", "k > LATER and self.layers.release_beside(contacts.solids.holds())", "False",

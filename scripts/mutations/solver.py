@@ -60,6 +60,8 @@ MUTATIONS = (
      f"{DIAGONAL} {LEVELS}"),
     (MULTI, "                own += self.T[i]\n", "                pass\n", "levels know nothing of contact",
      DIAGONAL),
+    (MULTI, "self.own[i] = self.own[i] + self.kink(i)", "pass", "hats of fine meshes end at solids without bending",
+     f"{DIAGONAL} {LEVELS}::test_held_patches_of_fine_meshes"),
     (HATS, "total += self.take_weight[k] * values", "total += values", "restriction without weights",
      f"{SYMMETRIC} {ITERATIONS}"),
     (MULTI, "z += self.hats.parent_weight[n][k]", "z += 0 * self.hats.parent_weight[n][k]",

@@ -13,7 +13,9 @@ import numpy as np
 
 from ..backend.fields import Fields
 from ..backend.language import ti
-from .lattice import Gather, Level, gather, meeting, squares
+from ..scene.mesh import distinct, face_edges
+from ..scene.scene import Scene
+from .lattice import Gather, Level, coordinates, gather, meeting, squares
 
 
 @ti.data_oriented
@@ -116,3 +118,21 @@ class Hierarchy:
         for k in ti.static(range(self.width)):
             z += self.weight[i][k] * self.z[self.node[i][k]]
         return z
+
+
+def material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:
+    """(coordinates (n, d), pieces (n,)) of the particles; d = 3 where any cloth needs it."""
+    parts = [coordinates(c.mesh) for c in scene.cloths]
+    d = max(p.shape[1] for p in parts)
+    points = np.concatenate([np.pad(p, ((0, 0), (0, d - p.shape[1]))) for p in parts])
+    piece = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
+    return points[model.user], piece[model.user]
+
+
+def links(scene: Scene, model) -> np.ndarray:
+    """(e, 2) particles at the ends of the mesh's edges."""
+    ends = np.concatenate([model.particle[face_edges(c.mesh.faces) + c.start] for c in scene.cloths])
+    if any(c.split is not None for c in scene.cloths):  # cloth that may tear is still connected
+        joined = [model.particle[np.stack([s.a, s.b], axis=1) + s.cloth.start] for s in scene.seams if s.tears]
+        ends = np.concatenate([ends, *joined])
+    return distinct(ends)[0]

@@ -4,7 +4,8 @@
 
 Q_l interpolates from the nodes of level l to the particles, B_l is the block diagonal of Q_l^T A Q_l, summed up from
 the elements without assembling A. Hats end where particles are held in all directions; air drag is left out, and hinges
-count with their trace, as they are in flat cloth and as if nothing were held.
+count with their trace, as they are in flat cloth and as if nothing were held. On fine meshes in contact a node's block also
+counts its held particles' own blocks in the directions that are held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
 more than the finest one.
 
@@ -21,15 +22,14 @@ from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.runtime import for_device
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
-from ..scene.mesh import distinct, face_edges
 from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
 from .coarse import Coarse, most_nodes
 from .device_coarse import DeviceCoarse
-from .hierarchy import Hierarchy, LevelFields
-from .lattice import coordinates, levels
+from .hierarchy import Hierarchy, LevelFields, links, material
+from .lattice import levels
 from .pointwise import Pointwise
 
 COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; 1 for a level solved exactly
@@ -37,6 +37,8 @@ ALIKE = 0.02, 0.1  # parts of all particles, and of those then held, that others
 MOST_EXACT = 1000  # nodes of a level that is solved exactly: the time grows with their cube, here to seconds
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
 LONGEST = 31  # solves in which levels are made anew every time, after they have not lasted
+FINE = 1 << 15  # particles from which on nodes' blocks count the bending where hats end at a solid. It grows as the inverse
+# square of the spacing, and a hat's other part does not
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
@@ -99,7 +101,7 @@ class Multilevel(Checkpointed):
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
         self.exact = model.sewn is not None
         most = most_nodes(model.n) if self.exact else 0
-        made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
+        made = levels(*material(scene, model), float(np.median(edges)), links(scene, model), most)
         if self.exact and made[-1].count > MOST_EXACT:
             self.exact = False
             tell(f"preconditioner: its coarsest level has {made[-1].count:,} nodes, too many to be solved exactly, for as "
@@ -114,6 +116,7 @@ class Multilevel(Checkpointed):
         self.forces = operator.forces
         self.contact = next((f for f in self.forces if f.of_contact), None)
         self.has_contact = self.contact is not None
+        self.kinks = self.has_contact and model.n > FINE
         counts: np.ndarray = np.ones(len(made))
         if self.has_contact:
             self.T = fields.real(model.n, 6)
@@ -210,6 +213,8 @@ class Multilevel(Checkpointed):
             if ti.static(self.has_contact):
                 own += self.T[i]
             self.own[i] = self.seen(i, own)
+            if ti.static(self.kinks):
+                self.own[i] = self.own[i] + self.kink(i)
         self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
@@ -254,6 +259,15 @@ class Multilevel(Checkpointed):
             if self.partly(i):
                 S = sym_unpack(self.jacobi.S[i])
                 out = sym(S @ sym_unpack(block) @ S)
+        return out
+
+    @ti.func
+    def kink(self, i):
+        """C_i P_i C_i with C = I - S: how much a hat bends cloth where it ends at what holds particle i."""
+        out = ti.Vector.zero(float, 6)
+        if self.jacobi.is_held[i] == 1:
+            C = ti.Matrix.identity(float, 3) - sym_unpack(self.jacobi.S[i])
+            out = sym(C @ sym_unpack(self.operator.P[i]) @ C)
         return out
 
     @ti.func
@@ -379,21 +393,3 @@ class Multilevel(Checkpointed):
                 for j in range(lo, hi):
                     out += self.hats.interpolated(self.jacobi.sewn.members[j]) / (hi - lo)
         return out
-
-
-def _material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:
-    """(coordinates (n, d), pieces (n,)) of the particles; d = 3 where any cloth needs it."""
-    parts = [coordinates(c.mesh) for c in scene.cloths]
-    d = max(p.shape[1] for p in parts)
-    points = np.concatenate([np.pad(p, ((0, 0), (0, d - p.shape[1]))) for p in parts])
-    piece = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
-    return points[model.user], piece[model.user]
-
-
-def _links(scene: Scene, model) -> np.ndarray:
-    """(e, 2) particles at the ends of the mesh's edges."""
-    ends = np.concatenate([model.particle[face_edges(c.mesh.faces) + c.start] for c in scene.cloths])
-    if any(c.split is not None for c in scene.cloths):  # cloth that may tear is still connected
-        joined = [model.particle[np.stack([s.a, s.b], axis=1) + s.cloth.start] for s in scene.seams if s.tears]
-        ends = np.concatenate([ends, *joined])
-    return distinct(ends)[0]

@@ -520,6 +520,19 @@ def test_what_starts_crossed_is_counted_named_and_pulled_apart():
     sim.close()
 
 
+def test_tables_of_crossings_are_made_where_something_crosses():
+    """Which faces are at an edge, 12 numbers a vertex, is for tangles alone."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [5, 5, 1]])
+    mesh = SimpleNamespace(faces=np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int32), half_thickness=np.ones(6),
+                           cluster_ids=np.arange(6), may_meet=lambda a, b: np.ones(len(a), dtype=bool))
+    tangles = Intersections(6, mesh, "untangle")
+    tangles.look(x + np.outer([0, 0, 0, 1, 1, 1], [9.0, 0, 0]))
+    assert tangles.count == 0 and "_sides" not in vars(tangles)
+    tangles.look(x)
+    assert tangles.count == 2 and "_sides" in vars(tangles)
+    assert (tangles._faces_of(np.array([[0, 1], [3, 4], [0, 2]])) == [[0, -1], [1, -1], [0, -1]]).all()
+
+
 @pytest.mark.parametrize("crossings, sewn, firmer", [(20, [], True), (21, [], False), (30, [95], True), (30, [1, 4, 7], False),
                                                      (30, [3 * k for k in range(10)], True)])
 def test_a_tangle_is_as_large_as_what_crosses_away_from_seams(crossings, sewn, firmer):

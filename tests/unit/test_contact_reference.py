@@ -201,7 +201,7 @@ def free_parts(d: LayerDetector) -> np.ndarray:
     """(k,) what each candidate allows of the path."""
     d.paths.count_deviating()
     part = np.empty(len(d.candidates), dtype=d.exchange)
-    d._free(d.candidates, d.distances, d.radii, part)
+    d._free(*d.known.arrays, part)
     return part.astype(float)
 
 

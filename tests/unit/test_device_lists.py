@@ -14,6 +14,7 @@ from taichi_cloth.backend.device_lists import DeviceLists, PrefixSums, lists
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.rows import Lists, read, write
 from taichi_cloth.contact.cloth.candidate_rows import DeviceRows, HostRows
+from taichi_cloth.contact.geometry import EDGE_EDGE, VERTEX_FACE
 from taichi_cloth.system.constraints import Filter
 from taichi_cloth.system.held import Held
 
@@ -93,18 +94,19 @@ def test_owners(rng):
 
 
 def rows(rng, count: int) -> tuple:
-    """Ids, distances and radii."""
-    return (rng.integers(0, 9999, size=(count, 3)).astype(np.int32), rng.uniform(size=count), rng.uniform(size=count))
+    """Pairs, distances and radii."""
+    pairs = np.column_stack([rng.integers(0, 9999, size=(count, 2)), rng.integers(0, 2, size=count)]).astype(np.int32)
+    return pairs, *rng.uniform(size=(2, count)).astype(np.float32)
 
 
 @pytest.mark.parametrize("known, found, part", [(5000, 70, 0.8), (9, 40, 0.3), (30, 0, 0.5), (30, 0, 0.0), (30, 12, 0.0)])
 def test_candidates_that_stay_and_new_ones(rng, known, found, part):
     old, new = rows(rng, known), rows(rng, found)
     stays = (rng.uniform(size=known) < part).astype(np.int8)
-    there = DeviceRows.none(np.float64)
+    there = DeviceRows.none()
     for k in range(3):
         there.put(k, old[k])
-    more = DeviceRows.none(np.float64)
+    more = DeviceRows.none()
     for k in range(3 if found else 0):
         more.put(k, new[k])
     flags = there.numbers()
@@ -112,17 +114,36 @@ def test_candidates_that_stay_and_new_ones(rng, known, found, part):
     with counted() as counts:
         there.replace(flags, more)
     assert counts.waits == 1
-    assert there.read()[1].dtype == np.float64
+    assert there.read()[1].dtype == np.float32
     for mine, one, other in zip(there.read(), old, new):
         assert (mine == np.concatenate([one[stays == 1], other])).all() and len(mine) == len(there)
+
+
+@pytest.mark.parametrize("kind", [HostRows, DeviceRows])
+def test_candidates_as_they_are_stored(rng, kind):
+    """16 bytes each. Numbers of earlier checkpoints, in f64, are rounded to where no pair is missed."""
+    pairs, *numbers = rows(rng, 500)
+    for exact in (rng.uniform(size=(2, 500)), numbers):
+        there = kind.none()
+        for k, values in enumerate((pairs, *exact)):
+            there.put(k, values)
+        mine, distances, radii = there.read()
+        assert (mine == pairs).all() and set(pairs[:, 2]) == {VERTEX_FACE, EDGE_EDGE}
+        rounds = exact[0].dtype == np.float64
+        assert (distances < exact[0]).all() == rounds and (radii > exact[1]).all() == rounds
+        assert np.abs(distances - exact[0]).max() < 1e-6 and np.abs(radii - exact[1]).max() < 1e-6
+    widths = [2, 1, 1]
+    assert [np.dtype(a.to_numpy().dtype if kind is DeviceRows else a.dtype).itemsize * w
+            for a, w in zip(there.arrays, widths)] == [8, 4, 4]
 
 
 def test_the_least_part(rng):
     """And the pairs that it is of, which alone come to the host."""
     known, part = rows(rng, 3000), np.ones(3000)
-    there, host = DeviceRows.none(np.float64), HostRows(*known)
+    there, host = DeviceRows.none(), HostRows.none()
     for k in range(3):
         there.put(k, known[k])
+        host.put(k, known[k])
     for some in ([], [7], [0, 5, 2999]):
         part[some] = rng.uniform(size=len(some))
         numbers = there.numbers(np.float64)

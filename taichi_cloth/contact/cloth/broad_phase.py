@@ -24,7 +24,7 @@ from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of, least_between
 from ..solid.pair_detector import MOST
 from .barrier import REACH
-from .candidate_rows import known_part, rows_kind
+from .candidate_rows import SINGLE, known_part, pair_of, rows_kind
 from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
@@ -181,8 +181,8 @@ class Candidates(Checkpointed):
         mesh: the faces and edges that pairs are made of.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         known_start, known_end: (n, 3) where the paths began and ended that pairs were looked for on.
-        known: pairs that may be near, with their distances at `known_end`: see `candidate_rows`. As arrays of numpy, which may
-            change in place, they are candidates (k, 3), distances (k,) [m] and radii (k,) [m].
+        known: pairs that may be near, with their distances at `known_end`: see `candidate_rows`. On the host, as copies, they
+            are candidates (k, 3), distances (k,) [m] and radii (k,) [m].
         fresh: whether they cover paths near that.
     """
 
@@ -199,12 +199,12 @@ class Candidates(Checkpointed):
         half = self.mesh.half_thickness
         skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
         self.paths = Paths(fields, model, skin)
-        self.known: Any = rows_kind().none(self.exchange)
+        self.known: Any = rows_kind().none()
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.dealer = Dealer(fields, model.blocks, self.chunks)
         room = ROOM if cpu else ROOM_ON_DEVICE
-        self.found = lists(self.chunks, -(-room * m // self.chunks), [(3, np.int32)], stay=True)
+        self.found = lists(self.chunks, -(-room * m // self.chunks), [(2, np.int32)], stay=True)
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
@@ -231,7 +231,7 @@ class Candidates(Checkpointed):
         while True:
             self._walk(*self.found.arrays, self.found.count)
             if not self.found.grow():
-                found = self.known.of(self.found.joined(), self.exchange)
+                found = self.known.of(self.found.joined())
                 self.found.rest()
                 return found
 
@@ -239,17 +239,19 @@ class Candidates(Checkpointed):
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
         """Which candidates have no displaced particle."""
         for k in range(rows.shape[0]):
-            out[k] = ti.cast(1 - self.stirs(self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2])), ti.i8)
+            i, j, kind = pair_of(rows, k)
+            out[k] = ti.cast(1 - self.stirs(self.mesh.corners(i, j, kind)), ti.i8)
 
     @ti.kernel
     def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), radii: ti.types.ndarray()):
         """Distances of candidates where the known paths ended, and the largest that they may have to keep."""
         for k in range(rows.shape[0]):
-            kind = rows[k, 2]
-            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
+            i, j, kind = pair_of(rows, k)
+            v = self.mesh.corners(i, j, kind)
             to = ti.static(self.paths.known_end)
             difference, w = between(kind, to[v[0]], to[v[1]], to[v[2]], to[v[3]])
-            out[k], radii[k] = difference.norm(), self.mesh.largest_radius(kind, v)
+            out[k] = ti.cast(difference.norm() * (1 - SINGLE), ti.f32)
+            radii[k] = ti.cast(self.mesh.largest_radius(kind, v) * (1 + SINGLE), ti.f32)
 
     @ti.func
     def may_come_near(self, kind, v):
@@ -393,6 +395,5 @@ class Candidates(Checkpointed):
     def put(self, i, j, kind, chunk, count, rows: ti.template()):
         """Writes a candidate down if there is room; there will be."""
         if count < rows.shape[1]:
-            rows[chunk, count, 0] = i
+            rows[chunk, count, 0] = ti.select(kind == VERTEX_FACE, i, -1 - i)
             rows[chunk, count, 1] = j
-            rows[chunk, count, 2] = kind

@@ -39,12 +39,12 @@ class CollisionMesh:
         order = morton(given[faces].mean(axis=1))
         order = order[np.argsort(cloth[order], kind="stable")]  # each cloth by itself
         self.exchange = fields.exchange
-        self.faces, self._cloth_of = faces[order], cloth[order]
+        self.faces, self._cloth_of = faces[order].astype(np.int32), cloth[order].astype(np.int32)
         m = len(self.faces)
         ends = np.sort(face_edges(self.faces), axis=1)
         code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
         code, self.first_edge = _owned(fields, code, first % m, m)
-        self.edges = np.stack([code // model.n, code % model.n], axis=1)
+        self.edges = np.stack([code // model.n, code % model.n], axis=1).astype(np.int32)
         self.spacing = float(np.median(np.linalg.norm(np.diff(given[self.edges], axis=1), axis=2)))
         vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
         vertices, self.first_vertex = _owned(fields, vertices, first % m, m)

@@ -19,6 +19,7 @@ from ..pair_geometry import between, closing, fading, gap, least_between
 from ..solid.vertices import STRIDES
 from .barrier import REACH
 from .broad_phase import ROUNDING, Candidates
+from .candidate_rows import pair_of
 from .collision_mesh import ACROSS
 from .contact_pairs import ContactPairs
 
@@ -140,8 +141,8 @@ class LayerDetector(Candidates):
     def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), radii: ti.types.ndarray(),
               part: ti.types.ndarray()):
         for k in range(rows.shape[0]):
-            kind = rows[k, 2]
-            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
+            i, j, kind = pair_of(rows, k)
+            v = self.mesh.corners(i, j, kind)
             part[k] = 1.0
             floor, slack = self.floor * radii[k], self.slack(kind, v, 1)
             if (1 - KEEP) * (distances[k] - floor) > (1 + KEEP) * (1 + ROUNDING) * slack + ROUNDING * floor:
@@ -173,8 +174,8 @@ class LayerDetector(Candidates):
     @ti.kernel
     def _apart(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
         for k in range(rows.shape[0]):
-            kind = rows[k, 2]
-            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
+            i, j, kind = pair_of(rows, k)
+            v = self.mesh.corners(i, j, kind)
             if self.mesh.parted(kind, v):
                 p, q, r, s, dp, dq, dr, ds = self.path(v, 0)
                 difference, w = between(kind, p, q, r, s)
@@ -196,11 +197,12 @@ class LayerDetector(Candidates):
                 while piece < pieces:
                     found = 0
                     for k in range(self.dealer.first(piece, pieces, all_rows), self.dealer.first(piece + 1, pieces, all_rows)):
-                        v = self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2])
-                        near, w, n, others = self.in_reach(rows[k, 2], v, distances[k], REACH * radii[k] + 1e-12, swept)
+                        i, j, kind = pair_of(rows, k)
+                        v = self.mesh.corners(i, j, kind)
+                        near, w, n, others = self.in_reach(kind, v, distances[k], REACH * radii[k] + 1e-12, swept)
                         if near and found < pair.shape[1]:
+                            pair[piece, found, 0], pair[piece, found, 1], pair[piece, found, 2] = i, j, kind
                             for c in ti.static(range(3)):
-                                pair[piece, found, c] = rows[k, c]
                                 normal[piece, found, c] = n[c]
                             for c in ti.static(range(4)):
                                 vertices[piece, found, c] = v[c]
@@ -221,12 +223,12 @@ class LayerDetector(Candidates):
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
             speed = closing(kind, dp, dq, dr, ds)
             first, w_0 = between(kind, p, q, r, s)
-            start = first.norm()
-            near = start < reach + speed
+            start, exact = first.norm(), REACH * self.mesh.largest_radius(kind, v) + 1e-12
+            near = start < exact + speed
             last, w_1 = first, w_0
             if near and swept == 1:
                 last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
-                near = least_between(start, last.norm(), speed) < reach or speed == 0
+                near = least_between(start, last.norm(), speed) < exact or speed == 0
             if near:
                 radius, n, w = self.mesh.radius(kind, v), first / ti.max(start, 1e-20), w_0
                 if swept == 1:

@@ -7,6 +7,8 @@ Magnenat-Thalmann 2006]. A small tangle that lasts, as beside seams where layers
 more firmly.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from ...backend.ordering import components
@@ -52,16 +54,19 @@ class Intersections(Checkpointed):
     def __init__(self, n: int, mesh: CollisionMesh, policy: str) -> None:
         self.n, self.mesh, self.policy = n, mesh, policy
         self.faces, self.half = mesh.faces, mesh.half_thickness
-        ends = np.sort(face_edges(mesh.faces), axis=1)
-        code = ends @ np.array([n, 1])
-        self.order = np.argsort(code, kind="stable")
-        self.code = code[self.order]
         self.until, self.firm = np.zeros(n), np.ones(n)
         self.parting: tuple[np.ndarray, ...] = NONE
         self.resting, self.active = np.zeros(n, dtype=bool), False
         self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)  # where the step begins
         self.found = self.edges, self.rows  # where cloth was last looked at
         self.count = self.pinched = 0
+
+    @cached_property
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """(a number for each edge of each face (3 m,), sorted; where it is in `face_edges`). Few runs ever need them."""
+        code = np.sort(face_edges(self.faces), axis=1) @ np.array([self.n, 1])
+        order = np.argsort(code, kind="stable")
+        return code[order], order
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
@@ -219,12 +224,14 @@ class Intersections(Checkpointed):
 
     def _faces_of(self, edges: np.ndarray) -> np.ndarray:
         """(k, 2) the one or two faces at edges, -1 where there is no second."""
-        code = edges @ np.array([self.n, 1])
-        first = np.searchsorted(self.code, code)
-        second = np.minimum(first + 1, len(self.code) - 1)
-        m = len(self.faces)
-        return np.stack([self.order[first] % m, np.where((self.code[second] == code) & (second > first),
-                                                         self.order[second] % m, -1)], axis=1)
+        if not len(edges):
+            return np.zeros((0, 2), dtype=np.int64)
+        codes, order = self._sides
+        code, m = edges @ np.array([self.n, 1]), len(self.faces)
+        first = np.searchsorted(codes, code)
+        second = np.minimum(first + 1, len(codes) - 1)
+        there = (codes[second] == code) & (second > first)
+        return np.stack([order[first] % m, np.where(there, order[second] % m, -1)], axis=1)
 
 
 def _barycentric(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:

@@ -99,7 +99,7 @@ class SolidCollisionDetector:
         self.moves = np.array([s.moves for s in self.solids], dtype=bool)
         self.yields = np.array([s.deforms for s in self.solids], dtype=bool)
         self.closed = np.array([isinstance(s.shape, SolidMesh) and s.shape.closed for s in self.solids], dtype=bool)
-        self.faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
+        self.faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths]).astype(np.int32)
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
         self.tree = self.surfaces = self.pairs = self.crossings = None
         if poking:
