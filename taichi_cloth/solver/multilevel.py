@@ -4,7 +4,7 @@
 
 Q_l interpolates from the nodes of level l to the particles, B_l is the block diagonal of Q_l^T A Q_l, summed up from
 the elements without assembling A. Hats end where particles are held in all directions; air drag is left out, and hinges
-count with their trace, as they are in flat cloth and as if nothing were held. On fine meshes in contact a node's block also
+count with their trace, as they are in flat cloth and as if nothing were held. In scenes with contact a node's block also
 counts its held particles' own blocks in the directions that are held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
 more than the finest one.
@@ -37,8 +37,6 @@ ALIKE = 0.02, 0.1  # parts of all particles, and of those then held, that others
 MOST_EXACT = 1000  # nodes of a level that is solved exactly: the time grows with their cube, here to seconds
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
 LONGEST = 31  # solves in which levels are made anew every time, after they have not lasted
-FINE = 1 << 15  # particles from which on nodes' blocks count the bending where hats end at a solid. It grows as the inverse
-# square of the spacing, and a hat's other part does not
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
@@ -116,7 +114,6 @@ class Multilevel(Checkpointed):
         self.forces = operator.forces
         self.contact = next((f for f in self.forces if f.of_contact), None)
         self.has_contact = self.contact is not None
-        self.kinks = self.has_contact and model.n > FINE
         counts: np.ndarray = np.ones(len(made))
         if self.has_contact:
             self.T = fields.real(model.n, 6)
@@ -213,7 +210,7 @@ class Multilevel(Checkpointed):
             if ti.static(self.has_contact):
                 own += self.T[i]
             self.own[i] = self.seen(i, own)
-            if ti.static(self.kinks):
+            if ti.static(self.has_contact):
                 self.own[i] = self.own[i] + self.kink(i)
         self.dealer.begin()
         for t in range(self.dealer.tasks):

@@ -226,27 +226,22 @@ def test_levels_do_not_last_where_much_of_what_was_held_comes_free():
         assert not anew(200, range(10, 200)) and anew(200, range(15, 200))
 
 
-def test_held_patches_of_fine_meshes(monkeypatch, rng):
-    """Hats end at a patch that a solid holds, and bend the cloth there: 123 iterations, or 82 where nodes' blocks know it."""
-    iterations, cells = [], 48
-    right = rng.normal(size=((cells + 1) ** 2, 3))
-    for fine in (1 << 15, 0):
-        monkeypatch.setattr(multilevel, "FINE", fine)
-        mesh, scene = tc.grid(1.0, cells), tc.Scene()
-        scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(7e4), tc.Shear(7e3), tc.Bend(0.1)), positions=mesh.x + [0, 1, 0])
-        scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005)
-        with tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler") as sim:
-            sim.step()
-            system, x = sim.integrator.system, read(sim.model.x)[:sim.model.n]
-            some = np.flatnonzero(np.linalg.norm((x - x.mean(axis=0))[:, [0, 2]], axis=1) < 8.5 / cells)
-            k = len(some)
-            write(system.operator.b, right)
-            system.preconditioner.forget()
-            held = Held.of(some, np.tile(np.diag([0.0, 1, 0]), (k, 1, 1)), np.zeros((k, 3)), False, np.zeros((k, 3)),
-                           sim.model.exchange)
-            assert system.solve(1e-3, held).status == "CONVERGED"
-            iterations.append(system.preconditioner.age.cost)
-    assert iterations[1] < 0.8 * iterations[0]
+def test_held_patches_of_fine_meshes(rng):
+    """Hats end at a patch that a solid holds, and bend the cloth there: 82 iterations, 123 if blocks of nodes do not have it."""
+    cells = 48
+    mesh, scene = tc.grid(1.0, cells), tc.Scene()
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(7e4), tc.Shear(7e3), tc.Bend(0.1)), positions=mesh.x + [0, 1, 0])
+    scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005)
+    with tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler") as sim:
+        sim.step()
+        system, x = sim.integrator.system, read(sim.model.x)[:sim.model.n]
+        some = np.flatnonzero(np.linalg.norm((x - x.mean(axis=0))[:, [0, 2]], axis=1) < 8.5 / cells)
+        k = len(some)
+        write(system.operator.b, rng.normal(size=((cells + 1) ** 2, 3)))
+        system.preconditioner.forget()
+        held = Held.of(some, np.tile(np.diag([0.0, 1, 0]), (k, 1, 1)), np.zeros((k, 3)), False, np.zeros((k, 3)),
+                       sim.model.exchange)
+        assert system.solve(1e-3, held).status == "CONVERGED" and system.preconditioner.age.cost < 100
 
 
 def test_hats_add_up_and_nest(rng):
@@ -290,11 +285,9 @@ def test_what_auto_takes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fine", [False, True])
-def test_levels_have_the_diagonal_of_what_is_free(monkeypatch, fine):
+def test_levels_have_the_diagonal_of_what_is_free():
     """D_l is the block diagonal of (S Q_l)^T A S Q_l, particles held by pins and by contacts taken into account, hinges
-    apart; see the next test for them. On fine meshes with the blocks of held particles in the directions that are held."""
-    monkeypatch.setattr(multilevel, "FINE", 0 if fine else 1 << 15)
+    apart; see the next test for them. To these come the blocks of held particles in the directions that are held."""
     mesh = tc.grid(0.5, 7)
     scene = tc.Scene()
     scene.add_cloth(mesh, replace(FABRIC, bend=tc.Bend(1e-2)), velocities=(0.5, 0, 0),
@@ -323,7 +316,7 @@ def test_levels_have_the_diagonal_of_what_is_free(monkeypatch, fine):
     nodes, weights = read(levels.hats.node), read(levels.hats.weight)
     bent = read(next(f for f in levels.forces if f.multirate).bent)
     whole = np.zeros_like(A)
-    for i in range(n) if fine else ():
+    for i in range(n):
         own = slice(3 * i, 3 * i + 3)
         whole[own, own] = (np.eye(3) - S[own, own]) @ A[own, own] @ (np.eye(3) - S[own, own])
     for level, (start, end) in enumerate(zip(first, first[1:])):
