@@ -227,7 +227,7 @@ def test_levels_do_not_last_where_much_of_what_was_held_comes_free():
 
 
 def test_held_patches_of_fine_meshes(rng):
-    """Hats end at a patch that a solid holds, and bend the cloth there: 82 iterations, 123 if blocks of nodes do not have it."""
+    """Hats end at a patch that a solid holds, and bend the cloth there: 82 iterations, 123 if nodes. blocks lack it."""
     cells = 48
     mesh, scene = tc.grid(1.0, cells), tc.Scene()
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(7e4), tc.Shear(7e3), tc.Bend(0.1)), positions=mesh.x + [0, 1, 0])
