@@ -103,9 +103,9 @@ def _trouble(s: dict, largest: float, out: str | None, crossed: int = 0, other: 
         where = f": `taichi-cloth why {out}` says where" if out else ": with --out, `taichi-cloth why` says where"
         (fine if usual(*bounds) else said).append(refused(*bounds) + ("" if usual(*bounds) else where))
     if count := s["unsolved_contact"]:
-        few = count <= MANY * steps
-        advice = "usual where cloth hits something" if few else "with a smaller --h there are fewer, and they are smaller"
         error = s["contact_error"]
+        few = count <= MANY * steps and error < 1
+        advice = "usual where cloth hits something" if few else "with a smaller --h there are fewer, and they are smaller"
         off = f"by {percent(error)} of all forces at most" if error < 1 else "in the worst by more than all forces together"
         (fine if few else said).append(f"forces between cloth and solids are inexact in {count} of {many(steps, 'step')}, "
                                        f"{off}: {advice}")

@@ -189,7 +189,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder along the local y axis, closed by flat ends; radius and length [m]."""
+    """A cylinder along the local y axis, around the origin, closed by flat ends; radius and length [m]."""
 
     radius: float
     length: float

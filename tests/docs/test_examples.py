@@ -112,7 +112,7 @@ def test_lines_of_the_readme_need_nothing_that_they_do_not_name():
 def test_the_readme_names_all_solids_and_the_default_method():
     text = (ROOT / "README.md").read_text()
     solids = [name for name, made in vars(primitives).items() if dataclasses.is_dataclass(made)]
-    assert len(solids) == 5 and all(f"`{name}`" in text.replace("tc.", "") for name in [*solids, "SolidMesh"])
+    assert len(solids) == 5 and all(f"`{name}(" in text.replace("tc.", "") for name in [*solids, "SolidMesh"])
     assert f"`{tc.Options().integrator}`" in text
 
 

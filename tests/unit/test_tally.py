@@ -159,6 +159,7 @@ def ended(**other):
     ({"unsolved_contact": 20, "contact_error": 0.3}, ["none; ", "20 of 100 steps, by 30 % of all forces", "usual where"]),
     ({"unsolved_contact": 30, "contact_error": 0.3}, ["30 of 100 steps", "a smaller --h"]),
     ({"unsolved_contact": 30, "contact_error": 33.0}, ["30 of 100 steps", "by more than all forces together"]),
+    ({"unsolved_contact": 1, "contact_error": 1.5}, ["trouble: forces", "by more than all forces together", "a smaller --h"]),
     ({"known_intersections": 895}, ["through cloth in 895 places at most, 7 at the end", "start it apart"]),
     ({"known_intersections": 8, "crossed": 0}, ["none; ", "through cloth in 8 places at most, none at the end: there"]),
     ({"known_intersections": 2, "pinched": 1}, ["through cloth in 2 places", "no room"]),
